@@ -1,0 +1,20 @@
+"""The one place where linear RGB and sRGB meet (IEC 61966-2-1)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def srgb_to_linear(srgb: Tensor) -> Tensor:
+    """Decode display values in [0, 1] to linear ones in [0, 1]; any shape, differentiable."""
+    # The unused branch of `where` must have a finite gradient too, hence the clamp inside pow.
+    curve = ((srgb.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4
+    return torch.where(srgb <= 0.04045, srgb / 12.92, curve)
+
+
+def linear_to_srgb(linear: Tensor) -> Tensor:
+    """Encode linear values for display; values outside [0, 1] are clipped, gradient 0 there."""
+    inside = linear.clamp(0.0, 1.0)
+    curve = 1.055 * inside.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
+    return torch.where(inside <= 0.0031308, inside * 12.92, curve)

@@ -1,0 +1,51 @@
+"""Where the cameras stand.  World axes are right-handed: +x the vehicle's front, +y its left, +z up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class View:
+    """A perspective camera."""
+
+    name: str
+    origin: Vector
+    """Position in metres."""
+    target: Vector
+    """A point in the middle of the picture, in metres."""
+    up: Vector
+    """Any vector that points upwards in the picture."""
+    fov: float
+    """Horizontal field of view in degrees, in (0, 180)."""
+    width: int
+    """Pixels per row."""
+    height: int
+    """Rows."""
+
+
+def orbit_view(
+    azimuth: float,
+    elevation: float,
+    distance: float,
+    *,
+    fov: float,
+    width: int,
+    height: int,
+    target: Vector = (0.0, 0.0, 0.7),
+    name: str | None = None,
+) -> View:
+    """A camera that circles ``target`` (angles in degrees, lengths in metres).
+
+    Azimuth 0 looks at the vehicle's front, 90 at its left side; elevation is above the horizon.
+    """
+    a, e = math.radians(azimuth), math.radians(elevation)
+    direction = (math.cos(a) * math.cos(e), math.sin(a) * math.cos(e), math.sin(e))
+    origin = tuple(t + distance * d for t, d in zip(target, direction, strict=True))
+    # Looking straight down, "up" in the picture is the direction in which the vehicle drives.
+    up = (0.0, 0.0, 1.0) if abs(elevation) < 89.9 else (1.0, 0.0, 0.0)
+    label = name or f"azimuth{azimuth:g}_elevation{elevation:g}_distance{distance:g}"
+    return View(label, origin, target, up, fov, width, height)  # type: ignore[arg-type]

@@ -1,0 +1,32 @@
+"""A vehicle as arrays: what every renderer and tool understands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True)
+class Part:
+    """One piece of a vehicle with one material.  Metres, +x front, +y left, +z up, ground at z = 0."""
+
+    name: str
+    material: str
+    """A key of ``cnca.scene.materials.MATERIALS``: paint, glass, tyre, metal, light, tail_light, trim."""
+    vertices: Float[np.ndarray, "vertices 3"]
+    faces: Int[np.ndarray, "faces 3"]
+    """Counter-clockwise seen from outside."""
+    normals: Float[np.ndarray, "vertices 3"]
+    """Unit shading normals pointing outwards."""
+    uvs: Float[np.ndarray, "vertices 2"] | None
+    """Texture coordinates in [0, 1], v upwards; needed by the painted part alone."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """All parts; exactly those with material ``paint`` carry the texture."""
+
+    name: str
+    parts: tuple[Part, ...]

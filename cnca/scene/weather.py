@@ -1,0 +1,44 @@
+"""Sun, sky and fog of one moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+KOSCHMIEDER = 3.912
+"""−ln 0.02: visibility is the distance at which contrast falls to 2 % (Koschmieder 1924)."""
+
+
+@dataclass(frozen=True)
+class Fog:
+    """A horizontal layer of droplets from the ground up to ``height``."""
+
+    visibility: float
+    """Meteorological visibility in metres, > 0."""
+    height: float = 100.0
+    """Top of the layer above the ground in metres, ≥ 0."""
+    albedo: float = 0.99
+    """Single-scattering albedo of the droplets in [0, 1]."""
+    asymmetry: float = 0.85
+    """Mean cosine g of Henyey–Greenstein scattering in (−1, 1)."""
+
+    @property
+    def extinction(self) -> float:
+        """σ_t in 1/m, grey."""
+        return KOSCHMIEDER / self.visibility
+
+
+@dataclass(frozen=True)
+class Weather:
+    """What lights the scene; angles in degrees."""
+
+    sun_altitude: float = 45.0
+    """Angle of the sun above the horizon in [−90, 90]."""
+    sun_azimuth: float = 120.0
+    """Direction of the sun counter-clockwise from +x (the vehicle's front) seen from above."""
+    turbidity: float = 3.0
+    """Haziness of the sky in [1, 10] (Hosek–Wilkie)."""
+    sun_scale: float = 1.0
+    """Factor on the sun's radiance, ≥ 0; 0 is an overcast sky without sun."""
+    sky_scale: float = 1.0
+    """Factor on the sky's radiance, ≥ 0."""
+    fog: Fog | None = None
