@@ -1,0 +1,1 @@
+"""Mitsuba 3: the only package that imports mitsuba or drjit."""

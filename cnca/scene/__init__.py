@@ -1,0 +1,1 @@
+"""The scene as data: vehicle, paint, cameras, sun, sky, fog.  Neither torch nor Mitsuba here."""
