@@ -1,0 +1,149 @@
+"""Darknet's ``.cfg`` files as data: sections with checked keys and typed values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from cnca.errors import DetectorError, did_you_mean
+
+Value = TypeVar("Value", int, float)
+
+# Keys that say how to train are known and ignored; every other key must be one that is read.
+_TRAINING = {
+    "net": """batch subdivisions momentum decay angle saturation exposure hue learning_rate burn_in
+        max_batches policy steps scales mosaic mosaic_bound cutmix mixup flip max_crop min_crop
+        gamma step power time_steps track augment_speed sequential_subdivisions num_steps
+        optimized_memory workspace_size_limit_MB blur gaussian_noise dynamic_minibatch ema_alpha
+        adversarial_lr label_smooth_eps resize_step random""",
+    "convolutional": "stopbackward dontload",
+    "yolo": """jitter ignore_thresh truth_thresh random iou_thresh cls_normalizer iou_normalizer
+        iou_loss nms_kind beta_nms max max_delta obj_normalizer resize label_smooth_eps focal_loss
+        objectness_smooth counters_per_class map""",
+}
+_READ = {
+    "net": "width height channels letter_box",
+    "convolutional": "filters size stride pad padding groups batch_normalize activation",
+    "shortcut": "from activation",
+    "route": "layers groups group_id",
+    "upsample": "stride",
+    "maxpool": "size stride padding",
+    "dropout": "probability",
+    "yolo": "mask anchors classes num scale_x_y new_coords",
+}
+SECTIONS = tuple(kind for kind in _READ if kind != "net")
+
+
+@dataclass(frozen=True)
+class Section:
+    """One ``[kind]`` of a file with its ``key=value`` lines."""
+
+    kind: str
+    where: str
+    """File, number of the layer and line, for messages."""
+    options: dict[str, str] = field(default_factory=dict)
+
+    def error(self, problem: str) -> DetectorError:
+        """An error that starts with the place."""
+        return DetectorError(f"{self.where}: {problem}")
+
+    def text(self, key: str, default: str) -> str:
+        """The value as it stands."""
+        return self.options.get(key, default)
+
+    def integer(self, key: str, default: int | None = None, *, least: int = 0) -> int:
+        """An integer of at least ``least``; without a default the key is required."""
+        if key not in self.options and default is not None:
+            return default
+        values = self.integers(key)
+        if len(values) != 1 or values[0] < least:
+            raise self.error(f"{key}={self.options[key]} must be one integer of at least {least}")
+        return values[0]
+
+    def number(self, key: str, default: float) -> float:
+        """A real number."""
+        return self._values(key, float)[0] if key in self.options else default
+
+    def integers(self, key: str) -> tuple[int, ...]:
+        """Integers separated by commas."""
+        return self._values(key, int)
+
+    def numbers(self, key: str) -> tuple[float, ...]:
+        """Real numbers separated by commas."""
+        return self._values(key, float)
+
+    def _values(self, key: str, convert: Callable[[str], Value]) -> tuple[Value, ...]:
+        if key not in self.options:
+            raise self.error(f"key '{key}' is missing; add {key}=…")
+        try:
+            return tuple(convert(part) for part in self.options[key].split(",") if part.strip())
+        except ValueError:
+            kind = "integers" if convert is int else "numbers"
+            raise self.error(f"{key}={self.options[key]} must be {kind}") from None
+
+
+@dataclass(frozen=True)
+class Config:
+    """A network: its input and its layers in order."""
+
+    path: Path
+    net: Section
+    layers: tuple[Section, ...]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of the network's input in pixels."""
+        return self.net.integer("height", least=1), self.net.integer("width", least=1)
+
+
+def read_config(path: Path) -> Config:
+    """Read and check a Darknet configuration.
+
+    Raises:
+        DetectorError: the file cannot be read, or a section or key in it is unknown.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DetectorError(f"{path}: cannot be read as a Darknet .cfg ({error})") from error
+    sections: list[Section] = []
+    for number, line in enumerate(lines, start=1):
+        content = line.split("#")[0].strip()
+        if not content or content.startswith(";"):
+            continue
+        if content.startswith("["):
+            sections.append(_open_section(path, content, number, len(sections)))
+        elif not sections:
+            raise DetectorError(f"{path}, line {number}: '{content}' stands before any [section]")
+        else:
+            _add_option(sections[-1], content, number)
+    if not sections or sections[0].kind != "net":
+        raise DetectorError(f"{path}: must begin with a [net] section; is it a Darknet .cfg?")
+    return Config(path, sections[0], tuple(sections[1:]))
+
+
+def _open_section(path: Path, content: str, number: int, count: int) -> Section:
+    kind = content.strip("[] ").lower()
+    kind = "net" if kind == "network" else kind
+    place = "" if kind == "net" else f"layer {count - 1} "  # as Darknet counts: [net] is none
+    where = f"{path}, {place}[{kind}] at line {number}"
+    if kind not in _READ or (kind == "net") != (count == 0):
+        hint = did_you_mean(kind, SECTIONS)
+        problem = "must be the first section" if count == 0 or kind == "net" else "is not supported"
+        first = "[net]" if count == 0 else f"[{kind}]"
+        raise DetectorError(f"{where}: {first} {problem}{hint}")
+    return Section(kind, where)
+
+
+def _add_option(section: Section, content: str, number: int) -> None:
+    key, equals, value = (part.strip() for part in content.partition("="))
+    if not equals:
+        raise section.error(f"line {number}: '{content}' is no key=value")
+    known = _READ[section.kind].split()
+    if key in _TRAINING.get(section.kind, "").split():
+        return
+    if key not in known:
+        raise section.error(f"unknown key '{key}' at line {number}{did_you_mean(key, known)}")
+    section.options[key] = value

@@ -1,0 +1,91 @@
+"""Darknet networks as detectors with a gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+from cnca.detect.base import CandidateDetector
+from cnca.detect.cfg import read_config
+from cnca.detect.coco import CLASS_NAMES
+from cnca.detect.darknet import Darknet
+from cnca.detect.preprocess import letterbox, stretch
+from cnca.detect.weights import SUFFIXES, load_weights
+from cnca.errors import DetectorError
+from cnca.types import Candidates, SrgbImages
+
+
+class DarknetDetector(CandidateDetector):
+    """A network with ``[yolo]`` heads, in evaluation mode with frozen weights.
+
+    Pictures are stretched to the network's input, as Bochkovskiy's Darknet does, under which
+    YOLOv4 and YOLO-Fastest were trained; ``letter_box=1`` in ``[net]`` (his key) keeps the aspect
+    ratio instead and fills with grey 0.5, as Redmon's Darknet does.
+    """
+
+    differentiable = True
+
+    def __init__(self, network: Darknet, class_names: Sequence[str], name: str) -> None:
+        self.network = network.eval().requires_grad_(False)
+        self.class_names = tuple(class_names)
+        self.name = name
+        self.size = network.config.size
+        self.keeps_aspect = bool(network.config.net.integer("letter_box", 0))
+
+    @classmethod
+    def load(
+        cls, config: Path, *, device: torch.device | str = "cpu", name: str | None = None
+    ) -> DarknetDetector:
+        """Read ``config`` with the weights and, unless the classes are COCO's, ``.names`` beside it.
+
+        Raises:
+            DetectorError: a file is missing or cannot be used.
+        """
+        network = Darknet(read_config(config))
+        load_weights(network, _beside(config))
+        names = _class_names(config, network.heads[0].classes)
+        return cls(network.to(device), names, name or config.stem)
+
+    def candidates(self, images: SrgbImages) -> Candidates:
+        """Return all boxes of all heads, in pixels of ``images``; differentiable in ``images``."""
+        if self.keeps_aspect:
+            inputs, placement = letterbox(images, self.size, grey=0.5, centred=True)
+        else:
+            inputs, placement = stretch(images, self.size)
+        raw = self.network(inputs)
+        parts = [
+            head.candidates(values, self.size)
+            for head, values in zip(self.network.heads, raw, strict=True)
+        ]
+        return Candidates(
+            boxes=placement.back(torch.cat([part.boxes for part in parts], dim=1)),
+            objectness=torch.cat([part.objectness for part in parts], dim=1),
+            class_scores=torch.cat([part.class_scores for part in parts], dim=1),
+        )
+
+
+def _beside(config: Path) -> Path:
+    """The weights of the same stem."""
+    for suffix in SUFFIXES:
+        if (path := config.with_suffix(suffix)).is_file():
+            return path
+    expected = " or ".join(config.with_suffix(suffix).name for suffix in SUFFIXES)
+    raise DetectorError(f"{config}: no weights beside it; put {expected} into the same folder")
+
+
+def _class_names(config: Path, classes: int) -> Sequence[str]:
+    """One name per line in the ``.names`` file of the same stem, or COCO's 80."""
+    path = config.with_suffix(".names")
+    if not path.is_file():
+        if classes == len(CLASS_NAMES):
+            return CLASS_NAMES
+        raise DetectorError(f"{config}: write the names of its {classes} classes to {path.name}")
+    names = path.read_text(encoding="utf-8").split("\n")
+    names = [name.strip() for name in names if name.strip()]
+    if len(names) != classes:
+        raise DetectorError(
+            f"{path}: holds {len(names)} names, {config.name} has {classes} classes"
+        )
+    return names

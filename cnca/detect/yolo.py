@@ -1,0 +1,89 @@
+"""YOLOv3's anchor-based head (Redmon & Farhadi 2018, section 2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from cnca.boxes import cxcywh_to_xyxy
+from cnca.detect.cfg import Section
+from cnca.types import Candidates
+
+LARGEST_EXPONENT = 8.0
+"""Bound on t_w and t_h: a box is at most e⁸ ≈ 2981 anchors wide, where exp cannot overflow."""
+
+
+class YoloHead(nn.Module):
+    """Marks a place where boxes are read off; passes its input on unchanged."""
+
+    def __init__(self, anchors: list[tuple[float, float]], classes: int, scale_xy: float) -> None:
+        """``anchors`` are widths and heights in pixels of the network's input."""
+        super().__init__()
+        self.anchors = anchors
+        self.classes = classes
+        self.scale_xy = scale_xy
+
+    def forward(self, x: Tensor, outputs: Mapping[int, Tensor]) -> Tensor:
+        return x
+
+    def split(
+        self, raw: Float[Tensor, "batch outputs rows columns"]
+    ) -> Float[Tensor, "batch anchors rows columns values"]:
+        """The outputs (t_x, t_y, t_w, t_h, objectness, classes…) of every anchor and cell."""
+        batch, _, rows, columns = raw.shape
+        values = 5 + self.classes
+        return raw.view(batch, -1, values, rows, columns).permute(0, 1, 3, 4, 2)
+
+    def boxes(
+        self, split: Float[Tensor, "batch anchors rows columns values"], stride: tuple[float, float]
+    ) -> Float[Tensor, "batch anchors rows columns 4"]:
+        """xyxy in pixels of the network's input; ``stride`` is a cell's (width, height) in them."""
+        rows, columns = split.shape[2:4]
+        grid_y, grid_x = torch.meshgrid(
+            torch.arange(rows, device=split.device, dtype=split.dtype),
+            torch.arange(columns, device=split.device, dtype=split.dtype),
+            indexing="ij",
+        )
+        cells = torch.stack([grid_x, grid_y], dim=-1)
+        # scale_x_y lets centres reach the cell's border (Bochkovskiy et al. 2020, section 3.3).
+        inside = split[..., :2].sigmoid() * self.scale_xy - (self.scale_xy - 1) / 2
+        centres = (cells + inside) * split.new_tensor(stride)
+        anchors = split.new_tensor(self.anchors)[None, :, None, None, :]
+        sizes = split[..., 2:4].clamp(max=LARGEST_EXPONENT).exp() * anchors
+        return cxcywh_to_xyxy(torch.cat([centres, sizes], dim=-1))
+
+    def candidates(
+        self, raw: Float[Tensor, "batch outputs rows columns"], size: tuple[int, int]
+    ) -> Candidates:
+        """Decode one head; ``size`` is the network's input (height, width) in pixels."""
+        split = self.split(raw)
+        stride = (size[1] / split.shape[3], size[0] / split.shape[2])
+        return Candidates(
+            boxes=self.boxes(split, stride).flatten(1, 3),
+            objectness=split[..., 4].sigmoid().flatten(1),
+            class_scores=split[..., 5:].sigmoid().flatten(1, 3),
+        )
+
+
+def yolo_head(section: Section, channels: int) -> YoloHead:
+    """Build a head from a ``[yolo]`` section that ``channels`` values enter."""
+    if section.integer("new_coords", 0):
+        raise section.error("new_coords=1 (scaled YOLOv4) is not supported; use new_coords=0")
+    values = section.numbers("anchors")
+    pairs = list(zip(values[0::2], values[1::2], strict=False))
+    expected = 2 * section.integer("num", len(pairs))
+    if not values or len(values) != expected or min(values) <= 0:
+        raise section.error("anchors must be num pairs of positive widths and heights")
+    mask = section.integers("mask") if "mask" in section.options else range(len(pairs))
+    if not mask or any(not 0 <= index < len(pairs) for index in mask):
+        raise section.error(f"mask must pick from the {len(pairs)} anchors")
+    classes = section.integer("classes", 20, least=1)
+    if channels != len(mask) * (5 + classes):
+        raise section.error(
+            f"{len(mask)} anchors × (5 + {classes} classes) need {len(mask) * (5 + classes)} "
+            f"filters in the layer before, found {channels}"
+        )
+    return YoloHead([pairs[i] for i in mask], classes, section.number("scale_x_y", 1.0))
