@@ -1,0 +1,79 @@
+"""The command line: quick help, one-line errors, exit codes."""
+
+import subprocess
+import sys
+import time
+
+import pydantic
+import pytest
+
+from cnca import __version__, cli
+from cnca.errors import SceneError
+
+
+def _cnca(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "cnca", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def _seconds_for(*arguments: str) -> float:
+    start = time.perf_counter()
+    assert _cnca(*arguments).returncode == 0
+    return time.perf_counter() - start
+
+
+def test_help_takes_under_half_a_second():
+    # The fastest of five: what the code needs, not what else the machine is doing.
+    assert min(_seconds_for("--help") for _ in range(5)) < 0.5
+
+
+def test_help_imports_nothing_heavy():
+    script = "import sys, cnca.cli; print(*sorted(m for m in sys.modules if '.' not in m))"
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    imported = set(answer.stdout.split())
+    assert "typer" in imported
+    assert not imported & {"torch", "mitsuba", "drjit", "numpy", "pydantic", "diffusers", "cv2"}
+
+
+def test_version():
+    assert _cnca("--version").stdout.strip() == f"cnca {__version__}"
+
+
+def test_unknown_command_names_the_nearest():
+    answer = _cnca("docter")
+    assert answer.returncode == 2
+    assert "doctor" in answer.stderr
+
+
+def _run_main_raising(monkeypatch, error: Exception):
+    def fail(**_):
+        raise error
+
+    monkeypatch.setattr(cli, "app", fail)
+    cli.main()
+
+
+def test_bad_input_is_one_line_and_exit_code_2(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as caught:
+        _run_main_raising(monkeypatch, SceneError("a.yaml: sun_altitude: must be\nbelow 90"))
+    assert caught.value.code == 2
+    assert capsys.readouterr().err == "error: a.yaml: sun_altitude: must be below 90\n"
+
+
+def test_pydantic_errors_are_one_line(monkeypatch, capsys):
+    class Camera(pydantic.BaseModel):
+        fov: float
+
+    with pytest.raises(pydantic.ValidationError) as wrong:
+        Camera(fov="wide")  # type: ignore[arg-type]
+    with pytest.raises(SystemExit):
+        _run_main_raising(monkeypatch, wrong.value)
+    message = capsys.readouterr().err
+    assert message.startswith("error: Camera: fov: ")
+    assert "'wide'" in message
+    assert message.count("\n") == 1
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch):
+    with pytest.raises(ZeroDivisionError):
+        _run_main_raising(monkeypatch, ZeroDivisionError())
