@@ -1,0 +1,43 @@
+"""How the parts of a vehicle reflect light: parameters of the Disney principled model.
+
+Source: B. Burley, "Physically Based Shading at Disney", SIGGRAPH 2012 course notes, section 5.
+Base colours are *linear* reflectances and stay inside the range of real car materials.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LinearRgb = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Material:
+    """A principled surface; every value lies in [0, 1]."""
+
+    base_color: LinearRgb
+    """Linear reflectance; for ``paint`` only the colour before a texture is given."""
+    roughness: float
+    """0 a mirror, 1 chalk; the microfacet width is its square."""
+    specular: float = 0.5
+    """Reflection at normal incidence as a fraction of 8 %: 0.5 is a refractive index of 1.5."""
+    clearcoat: float = 0.0
+    """Strength of a second, colourless lacquer layer."""
+    clearcoat_gloss: float = 0.0
+    """0 satin lacquer, 1 mirror-like lacquer."""
+    metallic: float = 0.0
+    """0 a dielectric, 1 a metal."""
+
+
+MATERIALS: dict[str, Material] = {
+    "paint": Material((0.60, 0.60, 0.60), 0.35, clearcoat=1.0, clearcoat_gloss=0.95),
+    "glass": Material((0.012, 0.014, 0.015), 0.04, specular=0.6),
+    "tyre": Material((0.020, 0.020, 0.021), 0.85, specular=0.3),
+    "metal": Material((0.62, 0.63, 0.65), 0.28, metallic=1.0),
+    "light": Material((0.75, 0.77, 0.80), 0.10, specular=0.6, clearcoat=1.0, clearcoat_gloss=1.0),
+    "tail_light": Material((0.42, 0.012, 0.010), 0.12, clearcoat=1.0, clearcoat_gloss=1.0),
+    "plate": Material((0.72, 0.72, 0.70), 0.50),
+    "trim": Material((0.025, 0.025, 0.026), 0.45),
+    "underbody": Material((0.012, 0.012, 0.012), 0.90, specular=0.2),
+}
+"""Every material that a :class:`cnca.scene.mesh.Part` may name."""

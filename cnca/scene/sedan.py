@@ -1,0 +1,53 @@
+"""Built-in vehicles: the whole car from a few dimensions, without any file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cnca.scene.atlas import paint_atlas
+from cnca.scene.bodywork import Body
+from cnca.scene.mesh import Part, Vehicle
+from cnca.scene.panels import pillar_positions, regions
+from cnca.scene.shapes import BUILTIN_VEHICLES, SedanShape
+from cnca.scene.surface import Surface, ellipsoid, join
+from cnca.scene.wheels import cut_wells, place_wheels
+
+__all__ = ["BUILTIN_VEHICLES", "SedanShape", "build_sedan"]
+
+
+def build_sedan(shape: SedanShape = SedanShape(), name: str = "builtin:sedan") -> Vehicle:
+    """Return the vehicle of the given shape: one part per material, wheels on z = 0.
+
+    The painted part carries UVs in [0, 1]² (see :mod:`cnca.scene.atlas`).
+    """
+    body = Body(shape)
+    skin, wells = cut_wells(body.skin(), body)
+    pieces: dict[str, list[Surface]] = {"underbody": [wells]}
+    for region in regions(body):
+        piece, skin = skin.split(region.distance(skin))
+        pieces.setdefault(region.material, []).append(piece)
+    pieces.setdefault("paint", []).append(skin)
+    for material, surface in [*place_wheels(body).items(), *fittings(body)]:
+        pieces.setdefault(material, []).append(surface)
+    return Vehicle(name, tuple(_part(material, join(found)) for material, found in pieces.items()))
+
+
+def fittings(body: Body) -> list[tuple[str, Surface]]:
+    """Mirrors and door handles with their materials."""
+    s = body.shape
+    foot = body.cowl - 0.42
+    high = float(body.belt(np.array(foot))) + 0.075
+    left = [("trim", ellipsoid((foot, s.width / 2 + 0.05, high), (0.06, 0.11, 0.075)))]
+    for post in pillar_positions(body):
+        x = post + 0.14
+        z = float(body.belt(np.array(x))) - 0.09
+        y = 0.97 * s.width / 2 * float(body.plan(np.array(x)))
+        left.append(("metal", ellipsoid((x, y, z), (0.09, 0.03, 0.014))))
+    return left + [(material, surface.mirrored()) for material, surface in left]
+
+
+def _part(material: str, surface: Surface) -> Part:
+    uvs = None
+    if material == "paint":
+        surface, uvs = paint_atlas(surface)
+    return Part(material, material, surface.vertices, surface.faces, surface.normals, uvs)
