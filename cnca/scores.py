@@ -13,9 +13,9 @@ from cnca.types import Boxes, Detections
 
 
 def detection_score(
-    detections: Detections, truth: Float[Tensor, "4"], label: int, *, iou_threshold: float = 0.5
+    detections: Detections, truth: Float[Tensor, " 4"], label: int, *, iou_threshold: float = 0.5
 ) -> float:
-    """The highest confidence in [0, 1] with which the vehicle at ``truth`` is found, 0 if it is not.
+    """The highest confidence in [0, 1] with which the vehicle at ``truth`` is found, 0 if none.
 
     Found means: reported as class ``label`` with an overlap of at least ``iou_threshold``.
     """

@@ -60,13 +60,14 @@ def suppress(
     index, labels = torch.nonzero(scores >= score_threshold, as_tuple=True)
     boxes, scores = boxes[index], scores[index, labels]
     if len(index):
-        # float64, or OpenCV takes the variant for boxes of whole pixels.
+        # float64, or OpenCV takes the variant for boxes of whole pixels.  Arrays will do, though
+        # the stubs ask for lists.
         corners = boxes.double().cpu()
         left_top_size = torch.cat([corners[:, :2], corners[:, 2:] - corners[:, :2]], dim=1)
         kept = cv2.dnn.NMSBoxesBatched(
-            left_top_size.numpy(),
-            scores.float().cpu().numpy(),
-            labels.int().cpu().numpy(),
+            left_top_size.numpy(),  # type: ignore[arg-type]
+            scores.float().cpu().numpy(),  # type: ignore[arg-type]
+            labels.int().cpu().numpy(),  # type: ignore[arg-type]
             score_threshold=0.0,  # applied above
             nms_threshold=iou_threshold,
         )

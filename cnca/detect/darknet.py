@@ -53,6 +53,7 @@ class Convolution(nn.Module):
         self.activation = _activation(section, "logistic")
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
+        """Convolve, normalise, activate."""
         x = self.convolution(x)
         return self.activation(self.norm(x) if self.norm is not None else x)
 
@@ -69,6 +70,7 @@ class MaxPool(nn.Module):
         self.padding = (before, after, before, after)
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
+        """Pad and take maxima."""
         padded = functional.pad(x, self.padding, value=-torch.inf)
         return functional.max_pool2d(padded, self.size, self.stride)
 
@@ -82,11 +84,10 @@ class Shortcut(nn.Module):
         self.activation = _activation(section, "linear")
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
+        """Add the sources."""
         for source in self.sources:
             if outputs[source].shape != x.shape:
-                raise ValueError(
-                    f"shapes {_shape(x)} and {_shape(outputs[source])} cannot be added"
-                )
+                raise ValueError(f"cannot add shapes {_shape(x)} and {_shape(outputs[source])}")
             x = x + outputs[source]
         return self.activation(x)
 
@@ -103,6 +104,7 @@ class Route(nn.Module):
             raise section.error(f"group_id={self.group} must lie below groups={self.groups}")
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
+        """Join the sources."""
         parts = [outputs[source] for source in self.sources]
         if any(part.shape[1] % self.groups for part in parts):
             raise ValueError(f"groups={self.groups} does not divide the channels of its sources")
@@ -119,6 +121,7 @@ class Upsample(nn.Module):
         self.factor = section.integer("stride", 2, least=1)
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
+        """Repeat every value."""
         return functional.interpolate(x, scale_factor=self.factor, mode="nearest")
 
 
@@ -130,6 +133,7 @@ class Dropout(nn.Module):
         self.probability = section.number("probability", 0.5)
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
+        """Zero at random while training."""
         return functional.dropout(x, self.probability, self.training)
 
 
@@ -170,7 +174,8 @@ class Darknet(nn.Module):
         self, images: Float[Tensor, "batch 3 height width"]
     ) -> list[Float[Tensor, "batch outputs rows columns"]]:
         """Return the raw output of each head for RGB images in [0, 1] of the network's size."""
-        x, kept, raw = images, {}, []
+        x, raw = images, []
+        kept: dict[int, Tensor] = {}
         for index, layer in enumerate(self.layers):
             x = layer(x, kept)
             if index in self.kept:
@@ -184,7 +189,8 @@ def _build_layers(config: Config) -> nn.ModuleList:
     if config.net.integer("channels", 3) != 3:
         raise config.net.error("channels must be 3 (RGB)")
     x = torch.empty(1, 3, *config.size)
-    layers, outputs = nn.ModuleList(), {}
+    layers = nn.ModuleList()
+    outputs: dict[int, Tensor] = {}
     for index, section in enumerate(config.layers):
         layer = _build_layer(section, index, x.shape[1])
         try:

@@ -64,17 +64,15 @@ def _load_safetensors(network: Darknet, path: Path) -> None:
         raise DetectorError(f"{path}: tensor '{name}' is not in {network.config.path}{hint}")
     for name, tensor in expected.items():
         if found[name].shape != tensor.shape:
-            shapes = (
-                f"{tuple(found[name].shape)}, {network.config.path} needs {tuple(tensor.shape)}"
-            )
-            raise DetectorError(f"{path}: tensor '{name}' has shape {shapes}")
+            shapes = f"{tuple(found[name].shape)}, expected {tuple(tensor.shape)}"
+            raise DetectorError(f"{path}: tensor '{name}' of {network.config.path} has {shapes}")
         tensor.copy_(found[name])
 
 
 def _load_darknet(network: Darknet, path: Path) -> None:
     content = path.read_bytes()
     start = _header_length(content, path)
-    tensors = list(_in_file_order(network))
+    tensors = [t.data for t in _in_file_order(network) if t is not None]
     expected = sum(tensor.numel() for tensor in tensors)
     found = (len(content) - start) / 4
     if found != expected:
@@ -95,14 +93,14 @@ def _header_length(content: bytes, path: Path) -> int:
     return 20 if major * 10 + minor >= 2 else 16
 
 
-def _in_file_order(network: Darknet) -> Iterator[Tensor]:
+def _in_file_order(network: Darknet) -> Iterator[Tensor | None]:
     """Darknet stores each convolution as biases, scales, means, variances, weights."""
     for layer in network.layers:
         if not isinstance(layer, Convolution):
             continue
-        if layer.norm is not None:
-            yield from (layer.norm.bias.data, layer.norm.weight.data)
-            yield from (layer.norm.running_mean, layer.norm.running_var)
+        norm, bias = layer.norm, layer.convolution.bias
+        if norm is not None:
+            yield from (norm.bias, norm.weight, norm.running_mean, norm.running_var)
         else:
-            yield layer.convolution.bias.data
-        yield layer.convolution.weight.data
+            yield bias
+        yield layer.convolution.weight

@@ -38,7 +38,7 @@ class DarknetDetector(CandidateDetector):
     def load(
         cls, config: Path, *, device: torch.device | str = "cpu", name: str | None = None
     ) -> DarknetDetector:
-        """Read ``config`` with the weights and, unless the classes are COCO's, ``.names`` beside it.
+        """Read ``config`` and, of the same stem, its weights and (other classes than COCO's) names.
 
         Raises:
             DetectorError: a file is missing or cannot be used.
@@ -85,7 +85,5 @@ def _class_names(config: Path, classes: int) -> Sequence[str]:
     names = path.read_text(encoding="utf-8").split("\n")
     names = [name.strip() for name in names if name.strip()]
     if len(names) != classes:
-        raise DetectorError(
-            f"{path}: holds {len(names)} names, {config.name} has {classes} classes"
-        )
+        raise DetectorError(f"{path}: {len(names)} names for {classes} classes of {config.name}")
     return names

@@ -27,6 +27,7 @@ class YoloHead(nn.Module):
         self.scale_xy = scale_xy
 
     def forward(self, x: Tensor, outputs: Mapping[int, Tensor]) -> Tensor:
+        """Return ``x``."""
         return x
 
     def split(
