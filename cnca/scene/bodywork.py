@@ -19,11 +19,13 @@ from cnca.scene.surface import Surface, grid_faces
 
 Numbers = Float[np.ndarray, " numbers"]
 
-PLAN_EXPONENT = 5.5
+PLAN_EXPONENT = 6.5
 """Of the outline seen from above; 2 is an ellipse, ∞ a rectangle."""
-HEIGHT_EXPONENT = 16.0
+HEIGHT_EXPONENT = 22.0
 """Of the outline seen from the side."""
-STATIONS = 112
+END_HEIGHT = 0.99
+"""Part of the height's superellipse that is used: 1 would bring nose and tail to a point."""
+STATIONS = 96
 ROOF_CROWN = 0.05
 """How much higher the roof is in the middle than at its corner, metres."""
 
@@ -119,9 +121,11 @@ class Body:
         half = rounded(
             self._sections(x),
             np.array([0.04, 0.05, 0.30, 0.10, 0.12]),
-            [2, 1, 5, 6, 8, 7],
+            [2, 1, 5, 6, 7, 6],
         )
-        shrink = np.stack([self.plan(x), _lame(x / self.nose, HEIGHT_EXPONENT)], axis=-1)
+        shrink = np.stack(
+            [self.plan(x), _lame(END_HEIGHT * x / self.nose, HEIGHT_EXPONENT)], axis=-1
+        )
         centre = np.array([0.0, self.waist])
         half = centre + (half - centre) * shrink[:, None]
         ring = np.concatenate([half, half[:, -2:0:-1] * np.array([-1.0, 1.0])], axis=1)
@@ -133,7 +137,7 @@ class Body:
     def _stations(self) -> Numbers:
         """x of the sections from nose to tail, equally spaced along plan and profile."""
         x = self.nose * np.cos(np.linspace(0.0, np.pi, 4001))
-        height = self.top(x) * _lame(x / self.nose, HEIGHT_EXPONENT)
+        height = self.top(x) * _lame(END_HEIGHT * x / self.nose, HEIGHT_EXPONENT)
         line = np.stack([x, self.plan(x) * self.shape.width / 2, height], axis=1)
         run = np.append(0.0, np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum())
         return np.interp(np.linspace(0.0, run[-1], STATIONS), run, x)
@@ -161,14 +165,14 @@ class Body:
         s = self.shape
         chin, bumper = s.clearance, self.waist
         front = np.interp(
-            z, [chin, bumper - 0.05, bumper + 0.08, s.nose_height], [0.12, 0, 0.02, 0.16]
+            z, [chin, bumper - 0.05, bumper + 0.08, s.nose_height], [0.08, 0, 0.015, 0.11]
         )
         if s.boot_length > 0:
-            knots, setback = [chin, bumper, bumper + 0.1, s.boot_height], [0.14, 0, 0.04, 0.07]
+            knots, setback = [chin, bumper, bumper + 0.1, s.boot_height], [0.10, 0, 0.03, 0.06]
         else:
             belt = s.belt_height + s.belt_rise
             knots = [chin, bumper, bumper + 0.1, belt, s.height]
-            setback = [0.14, 0.0, 0.04, 0.07, 0.07 + s.rear_window_run]
+            setback = [0.10, 0.0, 0.03, 0.06, 0.06 + s.rear_window_run]
         rear = np.interp(z, knots, setback)
         reach = 0.75 + 1.2 * max(setback)
         return (

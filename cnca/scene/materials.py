@@ -34,10 +34,10 @@ MATERIALS: dict[str, Material] = {
     "glass": Material((0.012, 0.014, 0.015), 0.04, specular=0.6),
     "tyre": Material((0.020, 0.020, 0.021), 0.85, specular=0.3),
     "metal": Material((0.62, 0.63, 0.65), 0.28, metallic=1.0),
-    "light": Material((0.75, 0.77, 0.80), 0.10, specular=0.6, clearcoat=1.0, clearcoat_gloss=1.0),
+    "light": Material((0.50, 0.52, 0.55), 0.18, clearcoat=1.0, clearcoat_gloss=1.0, metallic=0.8),
     "tail_light": Material((0.42, 0.012, 0.010), 0.12, clearcoat=1.0, clearcoat_gloss=1.0),
     "plate": Material((0.72, 0.72, 0.70), 0.50),
-    "trim": Material((0.025, 0.025, 0.026), 0.45),
+    "trim": Material((0.018, 0.018, 0.019), 0.55, specular=0.4),
     "underbody": Material((0.012, 0.012, 0.012), 0.90, specular=0.2),
 }
 """Every material that a :class:`cnca.scene.mesh.Part` may name."""

@@ -24,6 +24,16 @@ class Region:
 
     material: str
     distance: Callable[[Surface], Distance]
+    recess: float = 0.0
+    """How far the piece lies behind the skin, lengthwise towards the middle, in metres."""
+
+    def cut(self, skin: Surface) -> tuple[Surface, Surface]:
+        """Return the piece and the rest of the skin."""
+        piece, rest = skin.split(self.distance(skin))
+        if self.recess > 0 and len(piece.faces):
+            inwards = -np.sign(piece.x.mean()) * self.recess
+            piece = piece.recessed((inwards, 0.0, 0.0))
+        return piece, rest
 
     def grown(self, margin: float, material: str) -> Region:
         """The region and a strip of ``margin`` metres around it."""
@@ -34,9 +44,9 @@ def regions(body: Body) -> list[Region]:
     """All regions in the order in which they are cut; what is left over is paint."""
     glass = [windscreen(body), rear_window(body), *side_windows(body)]
     sealed = [*glass, *lights(body)]
-    doors = [Region("paint", door) for door in door_outlines(body)]
+    doors = [Region("paint", door) for door in [*door_outlines(body), *lids(body)]]
     return [
-        Region("underbody", lambda skin: skin.z - body.shape.clearance - 0.03),
+        Region("underbody", lambda skin: skin.z - body.shape.clearance - 0.045),
         *pillars(body),
         *sealed,
         *(region.grown(SEAL, "trim") for region in sealed),
@@ -133,9 +143,14 @@ def grille_and_plates(body: Body) -> list[Region]:
     return [
         Region("plate", lambda skin: front(skin, body.waist - 0.02, (0.26, 0.056), 0.01)),
         Region("plate", rear_plate),
-        Region("trim", lambda skin: front(skin, body.waist + 0.15, (0.46 * half, 0.075), 0.04)),
-        Region("trim", lambda skin: front(skin, s.clearance + 0.12, (0.62 * half, 0.065), 0.04)),
+        Region("plate", rear_plate).grown(0.035, "trim"),
         Region("trim", apron),
+        Region(
+            "trim", lambda skin: front(skin, body.waist + 0.15, (0.46 * half, 0.07), 0.04), 0.04
+        ),
+        Region(
+            "trim", lambda skin: front(skin, s.clearance + 0.13, (0.66 * half, 0.06), 0.04), 0.05
+        ),
     ]
 
 
@@ -158,6 +173,23 @@ def door_outlines(body: Body) -> list[Callable[[Surface], Distance]]:
         return distance
 
     return [outline(front, rear) for front, rear in ends]
+
+
+def lids(body: Body) -> list[Callable[[Surface], Distance]]:
+    """Distances to the bonnet, and to the boot's lid or the tail gate."""
+    s = body.shape
+
+    def bonnet(skin: Surface) -> Distance:
+        ends = np.maximum(skin.x - body.nose + 0.20, body.cowl + 0.02 - skin.x)
+        sides = np.maximum(np.abs(skin.y) - 0.41 * s.width, body.belt(skin.x) - 0.03 - skin.z)
+        return _soft_maximum(ends, sides, 0.06)
+
+    def lid(skin: Surface) -> Distance:
+        front = body.deck - 0.06 if s.boot_length > 0 else 0.75 * s.rear_window_run - body.nose
+        ends = np.maximum(skin.x - front, body.waist + 0.13 - skin.z)
+        return _soft_maximum(ends, np.abs(skin.y) - 0.39 * s.width, 0.06)
+
+    return [bonnet, lid]
 
 
 def _between(body: Body, skin: Surface, rear: float, front: float) -> Distance:

@@ -15,7 +15,9 @@ from cnca.scene.wheels import cut_wells, place_wheels
 __all__ = ["BUILTIN_VEHICLES", "SedanShape", "build_sedan"]
 
 
-def build_sedan(shape: SedanShape = SedanShape(), name: str = "builtin:sedan") -> Vehicle:
+def build_sedan(
+    shape: SedanShape = BUILTIN_VEHICLES["sedan"], name: str = "builtin:sedan"
+) -> Vehicle:
     """Return the vehicle of the given shape: one part per material, wheels on z = 0.
 
     The painted part carries UVs in [0, 1]² (see :mod:`cnca.scene.atlas`).
@@ -24,7 +26,7 @@ def build_sedan(shape: SedanShape = SedanShape(), name: str = "builtin:sedan") -
     skin, wells = cut_wells(body.skin(), body)
     pieces: dict[str, list[Surface]] = {"underbody": [wells]}
     for region in regions(body):
-        piece, skin = skin.split(region.distance(skin))
+        piece, skin = region.cut(skin)
         pieces.setdefault(region.material, []).append(piece)
     pieces.setdefault("paint", []).append(skin)
     for material, surface in [*place_wheels(body).items(), *fittings(body)]:
@@ -37,7 +39,7 @@ def fittings(body: Body) -> list[tuple[str, Surface]]:
     s = body.shape
     foot = body.cowl - 0.42
     high = float(body.belt(np.array(foot))) + 0.075
-    left = [("trim", ellipsoid((foot, s.width / 2 + 0.05, high), (0.06, 0.11, 0.075)))]
+    left = [("trim", ellipsoid((foot, s.width / 2 + 0.03, high), (0.055, 0.095, 0.065)))]
     for post in pillar_positions(body):
         x = post + 0.14
         z = float(body.belt(np.array(x))) - 0.09

@@ -21,13 +21,13 @@ class SedanShape:
     """Height of the floor above the ground."""
     bonnet_length: float = 1.20
     """From the front bumper back to the foot of the windscreen."""
-    nose_height: float = 0.74
+    nose_height: float = 0.78
     """Top of the bonnet's front edge."""
-    cowl_height: float = 0.97
+    cowl_height: float = 0.99
     """Foot of the windscreen."""
     windscreen_run: float = 0.85
     """Horizontal distance from the windscreen's foot to the roof."""
-    belt_height: float = 0.90
+    belt_height: float = 0.91
     """Lower edge of the side windows below the windscreen's foot."""
     belt_rise: float = 0.07
     """How much higher the belt line is at the tail."""

@@ -102,6 +102,16 @@ class Surface:
         )
         return edges[counts[inverse.ravel()] == 1]
 
+    def recessed(self, offset: Sequence[float]) -> Surface:
+        """The surface shifted by ``offset`` metres, with walls from its old edge to its new one."""
+        edges = self.boundary()
+        vertices = np.concatenate([self.vertices, self.vertices + np.asarray(offset)])
+        (a, b), count = edges.T, len(self.vertices)
+        walls = np.concatenate(
+            [np.stack([a, b, b + count]), np.stack([a, b + count, a + count])], 1
+        )
+        return join([self.moved(offset), Surface.smooth(vertices, walls.T)])
+
 
 def join(surfaces: Sequence[Surface]) -> Surface:
     """All the surfaces as one; nothing is welded."""

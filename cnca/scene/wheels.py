@@ -10,7 +10,7 @@ from cnca.scene.surface import Surface, join, revolved
 TYRE_WIDTH = 0.215
 WELL_GAP = 0.05
 """Between the tyre and the arch, metres."""
-SEGMENTS = 40
+SEGMENTS = 30
 SPOKES = 5
 
 
@@ -53,13 +53,12 @@ def cut_wells(skin: Surface, body: Body) -> tuple[Surface, Surface]:
 
 def _left_wheel(radius: float) -> dict[str, Surface]:
     """A wheel around the y axis with its rim's face towards +y, by material."""
-    side, rim = TYRE_WIDTH / 2, 0.66 * radius
-    shoulder = [(rim, 0.92), (0.90 * radius, 1.0), (0.97 * radius, 0.86), (radius, 0.62)]
-    tyre = [(r, -y * side) for r, y in shoulder] + [(r, y * side) for r, y in shoulder[::-1]]
-    steps = np.linspace(0.93, 0.22, 7)
-    dish = [(rim, 0.92), (0.95 * rim, 0.93), *((t, 0.62 + 0.12 * t**2) for t in steps * 1.0)]
-    dish = [(r if r >= 0.2 * radius and i < 2 else r * rim, y) for i, (r, y) in enumerate(dish)]
-    face = revolved(np.array([(r, y * side) for r, y in [*dish, (0.0, 0.66)]]), SEGMENTS)
+    side, rim = TYRE_WIDTH / 2, 0.70 * radius
+    flank = [(rim, 0.92), (0.90 * radius, 1.0), (0.97 * radius, 0.86), (radius, 0.62)]
+    tyre = [(r, -y * side) for r, y in flank] + [(r, y * side) for r, y in flank[::-1]]
+    spans = [(t * rim, (0.62 + 0.12 * t**2) * side) for t in np.linspace(0.93, 0.22, 7)]
+    dish = [(rim, 0.92 * side), (0.95 * rim, 0.93 * side), *spans, (0.0, 0.66 * side)]
+    face = revolved(np.array(dish), SEGMENTS)
 
     distance, angle = np.hypot(face.x, face.z), np.arctan2(face.z, face.x)
     between = np.pi / SPOKES - np.abs(angle % (2 * np.pi / SPOKES) - np.pi / SPOKES)
