@@ -1,1 +1,1 @@
-"""The texture generator: a differentiable diffusion sampler, F_adv, and the shipped model's data."""
+"""The texture generator: differentiable diffusion sampling, F_adv and the shipped model."""

@@ -1,0 +1,107 @@
+"""The shipped generator's parts: Stable Diffusion's classes (Rombach et al. 2022) at small size.
+
+Sizes were chosen by measuring on two CPU cores; every part is an ordinary diffusers or
+transformers class, so the same code loads and samples Stable Diffusion v1.5.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
+from tokenizers import Tokenizer, models, pre_tokenizers, trainers
+from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
+
+TEXT_WIDTH = 128
+"""Width of a text token and of a token of F_adv."""
+
+TEXT_POSITIONS = 77
+"""CLIP's number of text tokens, start and end included."""
+
+
+def autoencoder() -> AutoencoderKL:
+    """256×256 sRGB in [−1, 1] ↔ latents (4, 32, 32)."""
+    return AutoencoderKL(
+        down_block_types=("DownEncoderBlock2D",) * 4,
+        up_block_types=("UpDecoderBlock2D",) * 4,
+        block_out_channels=(16, 24, 48, 96),
+        layers_per_block=1,
+        norm_num_groups=8,
+        sample_size=256,
+        mid_block_add_attention=False,
+    )
+
+
+def denoiser() -> UNet2DConditionModel:
+    """The U-Net: cross-attention to the text at 16×16 and 8×8, none at 32×32 for speed."""
+    return UNet2DConditionModel(
+        sample_size=32,
+        down_block_types=("DownBlock2D", "CrossAttnDownBlock2D", "CrossAttnDownBlock2D"),
+        up_block_types=("CrossAttnUpBlock2D", "CrossAttnUpBlock2D", "UpBlock2D"),
+        block_out_channels=(32, 64, 128),
+        layers_per_block=1,
+        cross_attention_dim=TEXT_WIDTH,
+        attention_head_dim=4,  # diffusers reads this as the number of heads, as for v1.5
+        norm_num_groups=16,
+    )
+
+
+def text_encoder(tokenizer: CLIPTokenizer) -> CLIPTextModel:
+    """CLIP's text transformer with two layers; trained from scratch with the U-Net."""
+    return CLIPTextModel(
+        CLIPTextConfig(
+            vocab_size=len(tokenizer),
+            hidden_size=TEXT_WIDTH,
+            intermediate_size=2 * TEXT_WIDTH,
+            projection_dim=TEXT_WIDTH,
+            num_hidden_layers=2,
+            num_attention_heads=4,
+            max_position_embeddings=TEXT_POSITIONS,
+            bos_token_id=tokenizer.bos_token_id,
+            eos_token_id=tokenizer.eos_token_id,
+            pad_token_id=tokenizer.pad_token_id,
+        )
+    )
+
+
+def scheduler() -> DDIMScheduler:
+    """Stable Diffusion's noise schedule, v-prediction, with no signal left at the last step.
+
+    Zero terminal SNR (Lin et al. 2024) lets the sampler choose the mean colour freely.
+    """
+    return DDIMScheduler(
+        beta_start=0.00085,
+        beta_end=0.012,
+        beta_schedule="scaled_linear",
+        clip_sample=False,
+        prediction_type="v_prediction",
+        rescale_betas_zero_snr=True,
+        steps_offset=1,  # unused by trailing timesteps; the pipeline insists on it
+        timestep_spacing="trailing",
+    )
+
+
+def word_pieces(captions: Iterable[str]) -> CLIPTokenizer:
+    """CLIP's byte-pair tokenizer with a vocabulary learnt from ``captions``.
+
+    Every byte is in the vocabulary, inside and at the end of a word: no prompt is unspeakable.
+    """
+    start, end = "<|startoftext|>", "<|endoftext|>"
+    clip = CLIPTokenizer().backend_tokenizer  # for CLIP's own way to split text into words
+    learner = Tokenizer(models.BPE(unk_token=end, end_of_word_suffix="</w>"))
+    learner.normalizer, learner.pre_tokenizer = clip.normalizer, clip.pre_tokenizer
+    alphabet = sorted(pre_tokenizers.ByteLevel.alphabet())
+    trainer = trainers.BpeTrainer(
+        special_tokens=[start, end],
+        initial_alphabet=alphabet,
+        end_of_word_suffix="</w>",
+        show_progress=False,
+    )
+    learner.train_from_iterator(sorted(set(captions)), trainer)
+    learnt = json.loads(learner.to_str())["model"]
+    vocabulary: dict[str, int] = learnt["vocab"]
+    for letter in alphabet:
+        vocabulary.setdefault(letter + "</w>", len(vocabulary))
+    merges = [tuple(pair) for pair in learnt["merges"]]
+    return CLIPTokenizer(vocab=vocabulary, merges=merges, model_max_length=TEXT_POSITIONS)

@@ -1,0 +1,184 @@
+"""Text-to-image sampling that is differentiable in the adversarial feature.
+
+=====================  ===============================================================
+in the code            in the paper (section 3.3, equations 7 and 8) and in DDIM
+=====================  ===============================================================
+``text_feature``       F_txt = enc(P_txt)
+``adversarial_feature``  κ(F_adv), already projected
+``generate``           T_adv = T2I([κ(F_adv), F_txt])
+``latents``            x_t, Song et al. 2021 (DDIM), equation 12 with η = 0
+``guidance``           w + 1 of Ho & Salimans 2022 (classifier-free guidance), equation 6
+=====================  ===============================================================
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import final
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
+
+from cnca.errors import GeneratorError, NonFiniteError
+from cnca.gen.feature import check_finite
+from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
+from cnca.types import SrgbTexture
+
+TextFeature = Float[Tensor, "tokens width"]
+
+
+@final
+class DiffusionTextureGenerator:
+    """Paints textures with a frozen diffusion model (implements ``TextureGenerator``).
+
+    ``tokens`` is the number of tokens of F_adv, ``steps`` that of DDIM, ``guidance`` the scale of
+    classifier-free guidance (1 switches it off), ``size`` the texture's side in pixels (by default
+    the model's own).  Gradients flow through all steps, or through the last ``backprop_steps``
+    only.  Each step is checkpointed: memory holds one step's activations, whatever ``steps`` is.
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        *,
+        tokens: int = 8,
+        steps: int = 20,
+        guidance: float = 4.0,
+        size: int | None = None,
+        backprop_steps: int | None = None,
+    ) -> None:
+        backprop_steps = steps if backprop_steps is None else backprop_steps
+        _require_positive(tokens=tokens, steps=steps, backprop_steps=backprop_steps)
+        self._pipeline = pipeline
+        self._guidance = guidance
+        self._backprop_steps = backprop_steps
+        self._latent_shape = _latent_shape(pipeline, size)
+        pipeline.scheduler.set_timesteps(steps, device=pipeline.unet.device)
+        self.feature_shape = (tokens, pipeline.unet.config.cross_attention_dim)
+        self._empty_feature = self.encode("")
+
+    @classmethod
+    def load(
+        cls,
+        path: Path | None = None,
+        *,
+        tokens: int = 8,
+        steps: int = 20,
+        guidance: float = 4.0,
+        size: int | None = None,
+        backprop_steps: int | None = None,
+        device: torch.device | str = "cpu",
+    ) -> DiffusionTextureGenerator:
+        """Load a Stable Diffusion folder (the shipped one by default), weights in float32.
+
+        Raises :class:`GeneratorError` where the folder or an option cannot be used.
+        """
+        pipeline = load_pipeline(path or SHIPPED, device=device)
+        return cls(
+            pipeline,
+            tokens=tokens,
+            steps=steps,
+            guidance=guidance,
+            size=size,
+            backprop_steps=backprop_steps,
+        )
+
+    @torch.no_grad()
+    def encode(self, prompt: str) -> TextFeature:
+        """Return F_txt, padded to the encoder's length (77).
+
+        Raises :class:`GeneratorError` for a prompt that is longer.
+        """
+        tokenizer, encoder = self._pipeline.tokenizer, self._pipeline.text_encoder
+        words = tokenizer(prompt, padding="max_length", return_tensors="pt", verbose=False)
+        count, most = words.input_ids.shape[1], tokenizer.model_max_length
+        if count > most:
+            raise GeneratorError(
+                f"the prompt '{prompt[:30]}…' has {count} tokens, the encoder reads {most}; "
+                "shorten it"
+            )
+        return encoder(words.input_ids.to(encoder.device)).last_hidden_state[0]
+
+    def generate(
+        self,
+        text_feature: TextFeature,
+        adversarial_feature: Float[Tensor, "extra width"] | None,
+        generator: torch.Generator,
+    ) -> SrgbTexture:
+        """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size, size).
+
+        F_adv comes first, as in equation 8.  The unconditional branch reads as many tokens:
+        zeros for F_adv, then the empty prompt.  ``generator`` draws the initial noise; the same
+        state gives the same texture.
+        """
+        condition = self._condition(text_feature, adversarial_feature)
+        latents = self._initial_noise(generator).to(condition)
+        timesteps = self._pipeline.scheduler.timesteps
+        first_with_gradient = len(timesteps) - self._backprop_steps
+        for i, t in enumerate(timesteps):
+            with torch.set_grad_enabled(torch.is_grad_enabled() and i >= first_with_gradient):
+                latents = checkpoint(self._ddim_step, latents, t, condition, use_reentrant=False)
+        return self._decode(latents)
+
+    def _condition(
+        self, text_feature: TextFeature, adversarial_feature: Tensor | None
+    ) -> Float[Tensor, "branches tokens width"]:
+        """Stack what the branches read: with guidance the unconditional one first."""
+        tokens = [self._empty_feature.to(text_feature), text_feature]
+        if adversarial_feature is not None:
+            self._check(adversarial_feature)
+            extra = [torch.zeros_like(adversarial_feature), adversarial_feature]
+            tokens = [torch.cat(pair) for pair in zip(extra, tokens, strict=True)]
+        return torch.stack(tokens if self._guidance > 1.0 else tokens[1:])
+
+    def _ddim_step(
+        self,
+        latents: Float[Tensor, "1 channels height width"],
+        t: Tensor,
+        condition: Float[Tensor, "branches tokens width"],
+    ) -> Float[Tensor, "1 channels height width"]:
+        """x_t → x_{t−1}, deterministic."""
+        unet, scheduler = self._pipeline.unet, self._pipeline.scheduler
+        same = latents.expand(len(condition), -1, -1, -1)
+        predicted = unet(same, t, encoder_hidden_states=condition, return_dict=False)[0]
+        if self._guidance > 1.0:
+            without, with_text = predicted.chunk(2)
+            predicted = without + self._guidance * (with_text - without)
+        return scheduler.step(predicted, t, latents, eta=0.0, return_dict=False)[0]
+
+    def _decode(self, latents: Float[Tensor, "1 channels height width"]) -> SrgbTexture:
+        vae = self._pipeline.vae
+        decoded = vae.decode(latents / vae.config.scaling_factor, return_dict=False)[0][0]
+        if not torch.isfinite(decoded).all():
+            raise NonFiniteError("the generated texture is not finite: F_adv or guidance too large")
+        return (0.5 * decoded + 0.5).clamp(0.0, 1.0)
+
+    def _initial_noise(self, generator: torch.Generator) -> Tensor:
+        scale = self._pipeline.scheduler.init_noise_sigma
+        return scale * torch.randn(self._latent_shape, generator=generator, device=generator.device)
+
+    def _check(self, feature: Tensor) -> None:
+        width = self.feature_shape[1]
+        if feature.ndim != 2 or feature.shape[1] != width:
+            raise GeneratorError(
+                f"F_adv has shape {tuple(feature.shape)}, this generator reads (tokens, {width})"
+            )
+        check_finite(feature)
+
+
+def _latent_shape(pipeline: Pipeline, size: int | None) -> tuple[int, int, int, int]:
+    """Shape of x_t for a texture of ``size`` pixels; the model's own size for None."""
+    per_latent = 2 ** (len(pipeline.vae.config.block_out_channels) - 1)
+    unit = per_latent * 2 ** (len(pipeline.unet.config.block_out_channels) - 1)
+    size = pipeline.unet.config.sample_size * per_latent if size is None else size
+    if size <= 0 or size % unit:
+        raise GeneratorError(f"texture size {size} is not a positive multiple of {unit} pixels")
+    return (1, pipeline.unet.config.in_channels, size // per_latent, size // per_latent)
+
+
+def _require_positive(**counts: int) -> None:
+    for name, count in counts.items():
+        if count < 1:
+            raise GeneratorError(f"{name} is {count}; give at least 1")
