@@ -1,0 +1,124 @@
+"""Texture in, images out, for torch: ``dr.wrap`` around one custom Dr.Jit operation.
+
+The operation binds its own texture and weather, both when it renders and when it differentiates.
+So two renders may share one backward pass, the scene may show something else in between, and
+renders without gradient disturb nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from jaxtyping import Float
+from torch import Tensor
+
+from cnca.mi_bridge.geometry import ALBEDO_FLOOR, Geometry
+from cnca.mi_bridge.integrator import Surroundings, trace
+from cnca.mi_bridge.rays import Cameras, average_samples
+from cnca.mi_bridge.variant import dr, mi
+
+BACKWARD_SEED = 0x9E3779B9
+"""Added to the seed for the adjoint pass: independent noise keeps products of both unbiased."""
+
+
+class Shot:
+    """All that one render needs besides the texture."""
+
+    def __init__(
+        self,
+        geometry: Geometry,
+        surroundings: Surroundings,
+        cameras: Cameras,
+        *,
+        samples: int,
+        bounces: int,
+        seed: int,
+        exposure: float,
+    ):
+        self.geometry = geometry
+        self.surroundings = surroundings
+        self.cameras = cameras
+        self.samples = samples
+        self.bounces = bounces
+        self.seed = seed
+        self.exposure = exposure
+
+    @property
+    def film_shape(self) -> tuple[int, int, int, int]:
+        """(views, height, width, 3)."""
+        return (self.cameras.count, self.cameras.height, self.cameras.width, 3)
+
+    def start(self, seed: int) -> tuple[mi.Sampler, mi.Ray3f]:
+        """A freshly seeded sampler and the camera rays; the same for the same seed."""
+        opaque_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(opaque_seed, self.cameras.lanes(self.samples))
+        return sampler, self.cameras.rays(self.samples, opaque_seed)
+
+    def primal(self, seed: int) -> mi.Color3f:
+        """Radiance of every lane."""
+        sampler, ray = self.start(seed)
+        return trace(
+            dr.ADMode.Primal, self.geometry.scene, self.surroundings, sampler, ray, self.bounces
+        )
+
+    def adjoint(self, seed: int, image_gradient: mi.TensorXf) -> None:
+        """Accumulate the bound texture's gradient for the given gradient of the exposed image."""
+        radiance = self.primal(seed)
+        pixel = dr.arange(mi.UInt32, self.cameras.lanes(self.samples)) // self.samples
+        δL = dr.gather(mi.Color3f, image_gradient.array, pixel) * (self.exposure / self.samples)
+        sampler, ray = self.start(seed)
+        trace(
+            dr.ADMode.Backward,
+            self.geometry.scene,
+            self.surroundings,
+            sampler,
+            ray,
+            self.bounces,
+            δL,
+            radiance,
+        )
+
+
+class _Render(dr.CustomOp):
+    """(texture, shot) → exposed image of shape (views, height, width, 3)."""
+
+    def eval(self, albedo: mi.TensorXf, shot: Shot) -> mi.TensorXf:
+        self.albedo, self.shot = dr.detach(albedo), shot
+        with dr.suspend_grad():
+            shot.geometry.bind(self.albedo)
+            radiance = shot.primal(shot.seed)
+            dr.eval(radiance)  # once, not once for each colour that is averaged below
+            pixels = [average_samples(channel, shot.samples) for channel in radiance]
+            image = dr.ravel(mi.Color3f(*pixels) * shot.exposure)
+            dr.eval(image)
+        return mi.TensorXf(image, shape=shot.film_shape)
+
+    def backward(self) -> None:
+        shot = self.shot
+        bound = shot.geometry.bind(self.albedo, differentiable=True)
+        image_gradient = self.grad_out()  # reads zeros once gradients are suspended
+        with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
+            shot.adjoint(shot.seed + BACKWARD_SEED, image_gradient)
+        self.set_grad_in("albedo", dr.grad(bound) * (1 - ALBEDO_FLOOR))
+        shot.geometry.bind(self.albedo)  # leave no derivatives behind
+
+    def forward(self) -> None:
+        raise NotImplementedError("the texture's gradient is computed in reverse mode only")
+
+    def name(self) -> str:
+        return "cnca.render"
+
+
+def render(
+    albedo: Float[Tensor, "size size 3"], shot: Shot
+) -> Float[Tensor, "views height width 3"]:
+    """Render ``albedo`` (linear, [0, 1], row 0 at v = 1) to exposed linear images; differentiable."""
+
+    @dr.wrap(source="torch", target="drjit")
+    def call(albedo: mi.TensorXf) -> mi.TensorXf:
+        return dr.custom(_Render, albedo, shot)
+
+    # dr.wrap refuses parameters and half precision in backward: give it a plain float32 tensor.
+    wrapped: Callable[[Tensor], Tensor] = call
+    return wrapped(albedo.float().contiguous().clone())

@@ -1,0 +1,126 @@
+"""Vehicle and ground as a Mitsuba scene."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from cnca.errors import TextureError
+from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.materials import MATERIALS
+from cnca.scene.mesh import Part, Vehicle
+
+GROUND_RADIUS = 2000.0
+"""Metres; beyond it the sky map's lower half goes on with the same colour."""
+ALBEDO_FLOOR = 1e-3
+"""Darkest albedo a path sees: at 0 no path would carry the gradient."""
+
+SPECULAR_SAMPLING_RATE = 0.15
+"""Share of samples for a gloss lobe, relative to the diffuse lobe."""
+
+
+class Geometry:
+    """The Mitsuba scene of one vehicle on flat ground, without any emitter."""
+
+    def __init__(self, vehicle: Vehicle, ground_albedo: Float[np.ndarray, "3"], texture_size: int):
+        """Raises TextureError where no part is painted, or the painted part has no UVs."""
+        painted = [part for part in vehicle.parts if part.material == "paint"]
+        if not painted or any(part.uvs is None for part in painted):
+            raise TextureError(f"vehicle {vehicle.name}: no painted part with UV coordinates")
+        self.texture_size = texture_size
+        white = mi.TensorXf(np.ones((texture_size, texture_size, 3), dtype=np.float32))
+        texture = mi.load_dict(
+            {"type": "bitmap", "data": white, "format": "variant", "raw": True}
+        )
+        bsdfs = {
+            name: _bsdf(name, texture if name == "paint" else None)
+            for name in {part.material for part in vehicle.parts}
+        }
+        parts = {f"part_{i}": _mesh(p, bsdfs[p.material]) for i, p in enumerate(vehicle.parts)}
+        ground = {
+            "type": "disk",
+            "to_world": mi.ScalarTransform4f().scale([GROUND_RADIUS, GROUND_RADIUS, 1]),
+            "bsdf": {
+                "type": "diffuse",
+                "reflectance": {"type": "rgb", "value": [float(c) for c in ground_albedo]},
+            },
+        }
+        self.scene = mi.load_dict({"type": "scene", "ground": ground, **parts})
+        self._texture = mi.traverse(texture)
+        self.vehicle_shapes = [s for s in self.scene.shapes() if s.id() != "ground"]
+        self.paint_shapes = [
+            shape
+            for shape, part in zip(self.vehicle_shapes, vehicle.parts, strict=True)
+            if part.material == "paint"
+        ]
+
+    def bind(self, albedo: mi.TensorXf, *, differentiable: bool = False) -> mi.TensorXf:
+        """Make ``albedo`` (size, size, 3), linear, row 0 at v = 1, the paint of what is rendered next.
+
+        The paint is ``albedo`` mapped from [0, 1] to [ALBEDO_FLOOR, 1], so that a black texel still
+        scatters paths and so still learns; the image error is below 10⁻³ of the incident light, and
+        no real paint is darker.  Returns what was bound, where the gradient gathers.
+        """
+        bound = ALBEDO_FLOOR + (1 - ALBEDO_FLOOR) * dr.detach(albedo)
+        if differentiable:
+            dr.enable_grad(bound)
+        self._texture["data"] = bound
+        self._texture.update()
+        return bound
+
+    def is_vehicle(self, si: mi.SurfaceInteraction3f, *, paint_only: bool = False) -> mi.Bool:
+        """Which intersections lie on the vehicle (or on its paint alone)."""
+        shapes = self.paint_shapes if paint_only else self.vehicle_shapes
+        found = mi.Bool(False)
+        for shape in shapes:
+            found |= si.shape == mi.ShapePtr(shape)
+        return si.is_valid() & found
+
+
+def _bsdf(name: str, texture: mi.Texture | None) -> mi.BSDF:
+    """A principled BSDF; two-sided because meshes of unknown origin have flipped panels."""
+    material = MATERIALS[name]
+    color = texture or {"type": "rgb", "value": list(material.base_color)}
+    principled = {
+        "type": "principled",
+        "base_color": color,
+        "roughness": max(material.roughness, 0.02),
+        "specular": material.specular,
+        "metallic": material.metallic,
+        # Sample lobes by what they reflect: a paint's diffuse part outweighs its gloss.
+        "diffuse_reflectance_sampling_rate": 1.0,
+        "main_specular_sampling_rate": SPECULAR_SAMPLING_RATE,
+        "clearcoat_sampling_rate": SPECULAR_SAMPLING_RATE,
+    }
+    if material.clearcoat > 0:
+        principled |= {
+            "clearcoat": material.clearcoat,
+            "clearcoat_gloss": material.clearcoat_gloss,
+        }
+    return mi.load_dict({"type": "twosided", "bsdf": principled})
+
+
+def _mesh(part: Part, bsdf: mi.BSDF) -> mi.Mesh:
+    properties = mi.Properties()
+    properties["bsdf"] = bsdf
+    mesh = mi.Mesh(
+        part.name,
+        vertex_count=len(part.vertices),
+        face_count=len(part.faces),
+        has_vertex_normals=True,
+        has_vertex_texcoords=part.uvs is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = _flat(part.vertices)
+    parameters["vertex_normals"] = _flat(part.normals)
+    parameters["faces"] = mi.UInt32(np.ascontiguousarray(part.faces, dtype=np.uint32).ravel())
+    if part.uvs is not None:
+        # Mitsuba's v runs down the picture, ours up.
+        parameters["vertex_texcoords"] = _flat(part.uvs * [1, -1] + [0, 1])
+    parameters.update()
+    return mesh
+
+
+def _flat(values: np.ndarray) -> mi.Float:
+    return mi.Float(np.ascontiguousarray(values, dtype=np.float32).ravel())

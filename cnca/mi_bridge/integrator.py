@@ -1,0 +1,211 @@
+"""A path tracer for one sun, a sky and a fog layer whose light is known beforehand.
+
+Radiative backpropagation by path replay (Vicini, Speierer & Jakob 2021): the adjoint pass walks the
+same path again with the same random numbers, so its memory does not grow with the path's length.
+Textures are the only differentiable quantity; geometry, light and fog carry no derivatives.
+
+Two rays leave each surface: one to the sun, whose direction is certain, and one sampled from the
+BSDF, which finds the sky, the fog's light and other surfaces.  No emitter is sampled at random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cnca.mi_bridge.fog import FogField
+from cnca.mi_bridge.light import Light
+from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.weather import Fog
+
+
+def _opaque_vector(values: np.ndarray) -> mi.Vector3f:
+    """A vector that kernels read from memory, so that another value needs no other kernel."""
+    vector = mi.Vector3f(*values.tolist())
+    dr.make_opaque(vector)
+    return vector
+
+
+def _opaque_float(value: float) -> mi.Float:
+    return dr.opaque(mi.Float, value)
+
+
+def _direction_uv(d: mi.Vector3f, columns: int) -> mi.Point2f:
+    """Position in a latitude–longitude map that has one wrapped column on either side."""
+    phi = dr.atan2(d.y, d.x)
+    phi = dr.select(phi < 0, phi + dr.two_pi, phi)
+    u = (phi * (columns / (2 * np.pi)) + 1) / (columns + 2)
+    return mi.Point2f(u, dr.safe_acos(d.z) * dr.inv_pi)
+
+
+def _wrap_columns(grid: np.ndarray) -> mi.TensorXf:
+    """Repeat the first and last column so that linear filtering is right across φ = 0."""
+    wrapped = np.concatenate([grid[..., -1:, :], grid, grid[..., :1, :]], axis=-2)
+    return mi.TensorXf(np.ascontiguousarray(wrapped, dtype=np.float32))
+
+
+class Sky:
+    """Sun and sky above the fog."""
+
+    def __init__(self, light: Light):
+        self.sun_direction = _opaque_vector(light.sun_direction)
+        self.sun_irradiance = _opaque_vector(light.sun_irradiance)
+        self.has_sun = bool(light.sun_irradiance.max() > 0)
+        self._columns = light.sky.shape[1]
+        self._map = mi.Texture2f(_wrap_columns(light.sky), wrap_mode=dr.WrapMode.Clamp)
+
+    def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
+        """Radiance that arrives from direction ``d``, without the sun's disc."""
+        return mi.Color3f(self._map.eval(_direction_uv(d, self._columns), active))
+
+
+class FogLayer:
+    """Closed-form transmittance through the layer, and the light that it adds to a ray."""
+
+    def __init__(self, fog: Fog, field: FogField, sky: Sky):
+        self.sigma_t = _opaque_float(fog.extinction)
+        self.height = _opaque_float(fog.height)
+        self.albedo = _opaque_float(fog.albedo)
+        self.asymmetry = _opaque_float(fog.asymmetry)
+        self.sky = sky
+        # Below the horizon the sun's slant path is endless and its light zero: keep 1/μ finite.
+        self.inv_mu_sun = dr.rcp(dr.maximum(sky.sun_direction.z, 1e-4))
+        dr.make_opaque(self.inv_mu_sun)
+        levels, _, self._columns, _ = field.source.shape
+        self._levels = levels
+        self._source = mi.Texture3f(_wrap_columns(field.source), wrap_mode=dr.WrapMode.Clamp)
+
+    def sun_transmittance(self, z: mi.Float) -> mi.Float:
+        """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
+        above = dr.clip(self.height - z, 0, self.height)
+        return dr.exp(-self.sigma_t * above * self.inv_mu_sun)
+
+    def segment(
+        self, ray: mi.Ray3f, distance: mi.Float, sample: mi.Float, active: mi.Bool
+    ) -> tuple[mi.Float, mi.Color3f]:
+        """Transmittance of a ray up to ``distance`` (may be infinite) and its in-scattered light.
+
+        The light is ∫ σ_t T(s) J(s) ds, estimated at one distance drawn in proportion to σ_t T(s).
+        """
+        start, end = self._interval(ray, distance)
+        length = dr.maximum(end - start, 0)
+        opacity = 1 - dr.exp(-self.sigma_t * length)
+        # Invert the cumulative share of opacity; log1p stays exact for thin fog.
+        s = -dr.log(1 - sample * opacity) / self.sigma_t
+        z = dr.clip(ray.o.z + (start + dr.minimum(s, length)) * ray.d.z, 0, self.height)
+        lit = active & (opacity > 0)
+        return 1 - opacity, dr.select(lit, opacity * self._source_function(z, ray.d, lit), 0)
+
+    def _interval(self, ray: mi.Ray3f, distance: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Where the ray is below the layer's top, as a range of distances."""
+        inside = ray.o.z < self.height
+        crossing = (self.height - ray.o.z) / dr.select(ray.d.z == 0, 1, ray.d.z)
+        crosses = (ray.d.z != 0) & (crossing > 0)
+        start = dr.select(inside, 0, dr.select(crosses, crossing, distance))
+        end = dr.select(inside & crosses, dr.minimum(crossing, distance), distance)
+        return dr.minimum(start, distance), end
+
+    def _source_function(self, z: mi.Float, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
+        """J at height ``z`` for an eye that looks along ``d``: table, plus the sun's first scattering."""
+        uv = _direction_uv(d, self._columns)
+        level = dr.safe_acos(1 - 2 * z / self.height) * dr.inv_pi
+        w = (level * (self._levels - 1) + 0.5) / self._levels
+        diffuse = mi.Color3f(self._source.eval(mi.Point3f(uv.x, uv.y, w), active))
+        g, cosine = self.asymmetry, dr.dot(d, self.sky.sun_direction)
+        spread = dr.fmax(1 + g * g - 2 * g * cosine, 1e-8)
+        phase = (1 - g * g) * dr.inv_four_pi / (spread * dr.sqrt(spread))
+        sun = self.albedo * phase * self.sun_transmittance(z)
+        return diffuse + sun * mi.Color3f(self.sky.sun_irradiance)
+
+
+@dataclass
+class Surroundings:
+    """Everything but geometry and materials."""
+
+    sky: Sky
+    fog: FogLayer | None
+
+
+@dr.syntax
+def trace(
+    mode: dr.ADMode,
+    scene: mi.Scene,
+    surroundings: Surroundings,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    bounces: int,
+    δL: mi.Color3f | None = None,
+    state: mi.Color3f | None = None,
+) -> mi.Color3f:
+    """Follow one path per ray and return its radiance (linear RGB).
+
+    Args:
+        bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
+        δL: adjoint radiance per ray (``dr.ADMode.Backward`` only).
+        state: what the primal pass returned for the same sampler seed (``Backward`` only).
+
+    In backward mode the gradients of the textures are accumulated as a side effect.
+    """
+    primal = mode == dr.ADMode.Primal
+    sky, fog = surroundings.sky, surroundings.fog
+    has_fog, has_sun = fog is not None, sky.has_sun
+    context = mi.BSDFContext()
+
+    ray = mi.Ray3f(dr.detach(ray))  # current segment
+    depth = mi.UInt32(0)  # index of the current segment
+    L = mi.Color3f(0) if primal else mi.Color3f(state)  # gathered; backward: still to come
+    δL = mi.Color3f(0) if primal else mi.Color3f(δL)  # adjoint radiance
+    β = mi.Color3f(1)  # throughput
+    active = mi.Bool(True)  # lanes that still walk
+
+    while dr.hint(active, max_iterations=bounces + 1, label=f"path ({mode.name})"):
+        si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=depth == 0, active=active)
+        hit = active & si.is_valid()
+        escapes = active & ~si.is_valid()
+
+        # ---------------- light of the segment: fog and sky ----------------
+        Le = mi.Color3f(0)
+        if dr.hint(has_fog, mode="scalar"):
+            T, airlight = fog.segment(ray, si.t, sampler.next_1d(active), active)
+            Le += β * airlight
+            β *= T
+        Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
+
+        # ---------------- light of the sun at the surface ----------------
+        active_next = hit & (depth < bounces)
+        bsdf = si.bsdf(ray)
+        Lr_sun = mi.Color3f(0)
+        if dr.hint(has_sun, mode="scalar"):
+            shadow_ray = si.spawn_ray(sky.sun_direction)
+            sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
+            E_sun = mi.Color3f(sky.sun_irradiance)
+            if dr.hint(has_fog, mode="scalar"):
+                E_sun *= fog.sun_transmittance(si.p.z)
+            with dr.resume_grad(when=not primal):
+                f_sun = bsdf.eval(context, si, si.to_local(sky.sun_direction), sunlit)
+                Lr_sun = dr.select(sunlit, β * f_sun * E_sun, 0)
+
+        L = L + Le + Lr_sun if primal else L - Le - dr.detach(Lr_sun)
+
+        # ---------------- next segment ----------------
+        bs, weight = bsdf.sample(
+            context, si, sampler.next_1d(active_next), sampler.next_2d(active_next), active_next
+        )
+        active_next &= dr.max(weight) > 0
+        ray_next = si.spawn_ray(si.to_world(bs.wo))
+
+        if dr.hint(not primal, mode="scalar"):
+            with dr.resume_grad():
+                # L is what the rest of the path brings, BSDF included: divide by the BSDF's value
+                # and multiply by the same value with derivatives.
+                f = bsdf.eval(context, si, bs.wo, active_next)
+                Lr_next = dr.select(active_next, L * dr.relative_grad(f), 0)
+                dr.backward_from(δL * (Lr_sun + Lr_next))
+
+        β *= weight
+        ray = ray_next
+        depth += 1
+        active = active_next
+
+    return L

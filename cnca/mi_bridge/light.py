@@ -1,0 +1,140 @@
+"""Sun and sky as arrays: baked once per weather from Mitsuba's ``sunsky`` (Hosek & Wilkie 2012, 2013).
+
+The integrator reads the sky from a latitude–longitude map and the sun as one direction with one
+irradiance.  This keeps a change of weather an exchange of numbers: no emitter, no new kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.weather import Weather
+
+SKY_ROWS, SKY_COLUMNS = 128, 256
+SUN_HALF_ANGLE = math.radians(0.5358 / 2)
+"""Half of the sun's apparent diameter, the default of Mitsuba's ``sunsky``."""
+TWILIGHT_DECAY = 2.6
+"""Degrees below the horizon for a tenfold darkening: 700 lx at 0°, 3.4 lx at −6° of sun altitude."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """What reaches the top of the fog layer, in W/m²/nm (irradiance) and W/m²/nm/sr (radiance)."""
+
+    sun_direction: Float[np.ndarray, "3"]
+    """Unit vector towards the sun."""
+    sun_irradiance: Float[np.ndarray, "3"]
+    """Linear RGB on a surface that faces the sun; zero when the sun is below the horizon."""
+    sky: Float[np.ndarray, "rows columns 3"]
+    """Linear RGB; row 0 looks up, column 0 looks along +x, columns run counter-clockwise."""
+
+
+def sky_directions(rows: int, columns: int) -> Float[np.ndarray, "rows columns 3"]:
+    """Unit vectors at the texel centres of a latitude–longitude map."""
+    theta = (np.arange(rows) + 0.5) * np.pi / rows
+    phi = (np.arange(columns) + 0.5) * 2 * np.pi / columns
+    theta, phi = np.meshgrid(theta, phi, indexing="ij")
+    x, y = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi)
+    return np.stack([x, y, np.cos(theta)], axis=-1)
+
+
+def sky_solid_angles(rows: int, columns: int) -> Float[np.ndarray, "rows 1"]:
+    """Exact solid angle of one texel of each row, in steradians."""
+    edges = np.cos(np.arange(rows + 1) * np.pi / rows)
+    return ((edges[:-1] - edges[1:]) * 2 * np.pi / columns)[:, None]
+
+
+def make_light(weather: Weather, ground_albedo: Float[np.ndarray, "3"]) -> Light:
+    """Evaluate sun and sky; directions below the horizon look at a lit, endless ground."""
+    altitude, azimuth = math.radians(weather.sun_altitude), math.radians(weather.sun_azimuth)
+    direction = np.array(
+        [
+            math.cos(altitude) * math.cos(azimuth),
+            math.cos(altitude) * math.sin(azimuth),
+            math.sin(altitude),
+        ]
+    )
+    directions = sky_directions(SKY_ROWS, SKY_COLUMNS)
+    above = directions[: SKY_ROWS // 2]
+    # The model ends at the horizon: a sun below it leaves the horizon's sky, darkened as twilight.
+    lifted = max(altitude, math.radians(0.1))
+    model_sun = np.array(
+        [
+            math.cos(lifted) * math.cos(azimuth),
+            math.cos(lifted) * math.sin(azimuth),
+            math.sin(lifted),
+        ]
+    )
+    dusk = 10 ** (min(weather.sun_altitude, 0.0) / TWILIGHT_DECAY)
+    sky = np.zeros((SKY_ROWS, SKY_COLUMNS, 3))
+    if weather.sky_scale > 0:
+        radiance = _evaluate(model_sun, weather.turbidity, above, sun_scale=0.0)
+        sky[: SKY_ROWS // 2] = weather.sky_scale * dusk * radiance
+    sun = np.zeros(3)
+    if weather.sun_scale > 0 and altitude > 0:
+        disc = _disc(model_sun)
+        solid_angle = 2 * math.pi * (1 - math.cos(SUN_HALF_ANGLE))
+        radiance = _evaluate(model_sun, weather.turbidity, disc, sky_scale=0.0)
+        sun = weather.sun_scale * solid_angle * radiance.mean(axis=0)
+    weights = sky_solid_angles(SKY_ROWS, SKY_COLUMNS)[..., None] * directions[..., 2:].clip(min=0)
+    irradiance = (sky * weights).sum(axis=(0, 1)) + sun * max(direction[2], 0.0)
+    sky[SKY_ROWS // 2 :] = ground_albedo * irradiance / np.pi
+    return Light(direction, sun, sky)
+
+
+def lambertian_white(
+    light_from: Float[np.ndarray, "rows columns 3"],
+    sun_irradiance: Float[np.ndarray, "3"],
+    sun_direction: Float[np.ndarray, "3"],
+) -> float:
+    """Mean radiance of white matt card in this light: one lying flat, one upright facing the sun.
+
+    Its inverse is the scene's exposure, as an incident-light meter would set it: an albedo of a
+    becomes about a in the exposed image, whatever stands in front of the camera.
+    """
+    rows, columns = light_from.shape[:2]
+    directions = sky_directions(rows, columns)
+    weights = sky_solid_angles(rows, columns)
+    facing = sun_direction * [1.0, 1.0, 0.0]
+    length = np.linalg.norm(facing)
+    # A sun in the zenith faces every upright card alike: take the one that looks along +x.
+    facing = facing / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+    radiance = 0.0
+    for normal in (np.array([0.0, 0.0, 1.0]), facing):
+        cosine = (directions @ normal).clip(min=0.0) * weights
+        irradiance = (light_from * cosine[..., None]).sum(axis=(0, 1))
+        irradiance = irradiance + sun_irradiance * max(float(normal @ sun_direction), 0.0)
+        radiance += float(irradiance.mean()) / math.pi / 2
+    return radiance
+
+
+def _disc(centre: Float[np.ndarray, "3"], rings: int = 64) -> Float[np.ndarray, "rings 3"]:
+    """Directions spread evenly over the sun's disc (a Fibonacci spiral)."""
+    k = np.arange(rings) + 0.5
+    cosine = 1 - k / rings * (1 - math.cos(SUN_HALF_ANGLE))
+    sine, angle = np.sqrt(1 - cosine**2), k * np.pi * (3 - math.sqrt(5))
+    frame = mi.Frame3f(mi.Normal3f(*centre.tolist()))
+    local = mi.Vector3f(sine * np.cos(angle), sine * np.sin(angle), cosine)
+    return np.array(frame.to_world(local)).T
+
+
+def _evaluate(
+    sun: Float[np.ndarray, "3"],
+    turbidity: float,
+    directions: Float[np.ndarray, "*shape 3"],
+    **scales: float,
+) -> Float[np.ndarray, "*shape 3"]:
+    """Radiance of ``sunsky``; its RGB fit goes below zero near a setting sun, which light cannot."""
+    emitter = mi.load_dict(
+        {"type": "sunsky", "sun_direction": sun.tolist(), "turbidity": turbidity, **scales}
+    )
+    flat = directions.reshape(-1, 3)
+    si = dr.zeros(mi.SurfaceInteraction3f, len(flat))
+    si.wi = -mi.Vector3f(*(mi.Float(axis) for axis in flat.T))
+    radiance = np.array(emitter.eval(si), dtype=np.float64).T
+    return radiance.clip(min=0.0).reshape(directions.shape)

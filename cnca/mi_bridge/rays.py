@@ -1,0 +1,78 @@
+"""Camera rays of several views in one wavefront, and the averaging of samples to pixels.
+
+Lanes run over (view, row, column, sample), sample fastest; one film and one kernel serve all views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cnca.errors import SceneError
+from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.cameras import View
+
+PLASTIC = 1.32471795724474602596
+"""Root of x³ = x + 1: its inverse powers spread points evenly over the square (Roberts 2018, R₂)."""
+
+
+class Cameras:
+    """Pin-hole cameras with a common picture size, as arrays that kernels read from memory."""
+
+    def __init__(self, views: Sequence[View]):
+        """Raises SceneError where there is no view, or the picture sizes differ."""
+        sizes = {(view.width, view.height) for view in views}
+        if len(sizes) != 1:
+            raise SceneError(f"views rendered together need one picture size, got {sorted(sizes)}")
+        ((self.width, self.height),) = sizes
+        self.count = len(views)
+        frames = np.array([_camera_frame(view) for view in views], dtype=np.float32)
+        self._frames = mi.Float(frames.ravel())  # (views, 4 vectors, 3 axes)
+
+    def rays(self, samples: int, seed: mi.UInt32) -> mi.Ray3f:
+        """One ray per lane through an evenly jittered point of its pixel."""
+        lane = dr.arange(mi.UInt32, self.count * self.height * self.width * samples)
+        pixel, sample = lane // samples, lane % samples
+        row_index, column = pixel // self.width, pixel % self.width
+        view, row = row_index // self.height, row_index % self.height
+        # One random shift per pixel keeps the even spread and removes its bias.
+        shift_x = mi.sample_tea_float32(2 * pixel, seed)
+        shift_y = mi.sample_tea_float32(2 * pixel + 1, seed)
+        jitter_x = _fraction(shift_x + mi.Float(sample) * (1 / PLASTIC))
+        jitter_y = _fraction(shift_y + mi.Float(sample) * (1 / PLASTIC**2))
+        x = 2 * (mi.Float(column) + jitter_x) / self.width - 1
+        y = 1 - 2 * (mi.Float(row) + jitter_y) / self.height
+        origin, right, up, forward = (
+            dr.gather(mi.Vector3f, self._frames, 4 * view + vector) for vector in range(4)
+        )
+        return mi.Ray3f(mi.Point3f(origin), dr.normalize(forward + x * right + y * up))
+
+    def lanes(self, samples: int) -> int:
+        """Wavefront size for that many samples per pixel."""
+        return self.count * self.height * self.width * samples
+
+
+def average_samples(values: mi.Float, samples: int) -> mi.Float:
+    """Mean over the samples of each pixel (a box filter of one pixel)."""
+    return dr.block_sum(values, samples) / samples
+
+
+def _fraction(x: mi.Float) -> mi.Float:
+    return x - dr.floor(x)
+
+
+def _camera_frame(view: View) -> np.ndarray:
+    """Origin, right and up (scaled to the picture's half size at distance 1), forward."""
+    origin, target = np.array(view.origin), np.array(view.target)
+    distance = np.linalg.norm(target - origin)
+    if not distance > 0:
+        raise SceneError(f"camera {view.name}: its target is its own position {view.origin}")
+    forward = (target - origin) / distance
+    right = np.cross(forward, view.up)
+    if np.linalg.norm(right) < 1e-9:
+        raise SceneError(f"camera {view.name}: looks along its up vector {view.up}")
+    right /= np.linalg.norm(right)
+    half_width = np.tan(np.radians(view.fov) / 2)
+    half_height = half_width * view.height / view.width
+    return np.stack([origin, right * half_width, np.cross(right, forward) * half_height, forward])

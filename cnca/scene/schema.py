@@ -1,0 +1,251 @@
+"""The scene file: what may stand in ``scenes/*.yaml`` and in which range.
+
+Lengths are in metres, angles in degrees, colours sRGB in [0, 1], paths relative to the scene file.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from cnca.errors import SceneError, did_you_mean
+from cnca.scene.weather import Fog, Weather
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"a range is written [low, high], got [{pair[0]:g}, {pair[1]:g}]")
+    return pair
+
+
+Unit = Annotated[float, Field(ge=0, le=1)]
+Color = tuple[Unit, Unit, Unit]
+Altitude = Annotated[float, Field(ge=-90, le=90)]
+Elevation = Annotated[float, Field(ge=-90, le=90)]
+Azimuth = Annotated[float, Field(ge=-360, le=720)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+FieldOfView = Annotated[float, Field(gt=0, lt=180)]
+Asymmetry = Annotated[float, Field(gt=-1, lt=1)]
+
+
+class Section(BaseModel):
+    """A part of the file; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+
+class VehicleSection(Section):
+    """The vehicle and its paint."""
+
+    mesh: str = "builtin:sedan"
+    """``builtin:NAME`` or the path of an OBJ, PLY, glTF or GLB file."""
+    up: Literal["x", "y", "z"] = "y"
+    """The file's upward axis."""
+    front: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+x"
+    """The file's forward axis."""
+    scale: Positive = 1.0
+    """Metres per unit of the file."""
+    paint_mask: str | None = None
+    """Picture in UV space, white where there is paint; without it every textured texel is paint."""
+    base_texture: str | None = None
+    """Picture in UV space of everything that is not paint, and of the paint before an attack."""
+    paint: Color = (0.75, 0.76, 0.78)
+    """sRGB colour of the plain paint where there is no base texture."""
+    texture_size: Annotated[int, Field(ge=1, le=8192)] = 512
+    """Texels per side of the texture that the renderer sees."""
+
+
+class GroundSection(Section):
+    """A flat, matt ground at z = 0."""
+
+    color: Color = (0.42, 0.41, 0.40)
+
+
+class SunSection(Section):
+    """The sun; azimuth counter-clockwise from the vehicle's front."""
+
+    altitude: Altitude = 45.0
+    azimuth: Azimuth = 120.0
+    scale: NonNegative = 1.0
+
+
+class SkySection(Section):
+    """A clear sky after Hosek and Wilkie."""
+
+    turbidity: Annotated[float, Field(ge=1, le=10)] = 3.0
+    scale: NonNegative = 1.0
+
+
+class FogSection(Section):
+    """A fog layer from the ground up to ``height``."""
+
+    visibility: Positive
+    height: NonNegative = 60.0
+    albedo: Unit = 0.99
+    asymmetry: Asymmetry = 0.85
+
+
+class OrbitCamera(Section):
+    """A camera that circles the vehicle."""
+
+    name: str | None = None
+    azimuth: Azimuth
+    elevation: Elevation
+    distance: Positive
+    fov: FieldOfView = 45.0
+    target: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.7)
+
+
+class CarlaCamera(Section):
+    """The pose of a CARLA frame stored as ``.npz`` (keys ``veh_trans`` and ``cam_trans``)."""
+
+    name: str | None = None
+    carla: str
+    fov: FieldOfView = 90.0
+    lift: Coordinate = 0.0
+    """Metres by which the vehicle stands above CARLA's ground."""
+
+
+Range = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_ascending)]
+PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_ascending)]
+AltitudeRange = Annotated[tuple[Altitude, Altitude], AfterValidator(_ascending)]
+ElevationRange = Annotated[tuple[Elevation, Elevation], AfterValidator(_ascending)]
+
+
+class VariationSection(Section):
+    """The ranges from which ``cnca optimize`` draws views and weather."""
+
+    azimuth: Range = (0.0, 360.0)
+    elevation: ElevationRange = (5.0, 30.0)
+    distance: PositiveRange = (6.0, 10.0)
+    fov: FieldOfView = 45.0
+    sun_altitude: AltitudeRange = (20.0, 70.0)
+    sun_azimuth: Range = (0.0, 360.0)
+    visibility: PositiveRange | None = None
+    """Without it every draw has the scene's own fog."""
+
+
+class ImageSection(Section):
+    """The picture."""
+
+    width: Annotated[int, Field(ge=1, le=8192)] = 320
+    height: Annotated[int, Field(ge=1, le=8192)] = 320
+    samples: Annotated[int, Field(ge=1, le=65536)] = 64
+    """Rays per pixel."""
+    exposure: Positive = 1.0
+    """Factor on the metered exposure (see ``cnca.mi_bridge.light``)."""
+
+
+class Scene(Section):
+    """A whole scene file."""
+
+    vehicle: VehicleSection = VehicleSection()
+    ground: GroundSection = GroundSection()
+    sun: SunSection = SunSection()
+    sky: SkySection = SkySection()
+    fog: FogSection | None = None
+    cameras: Annotated[tuple[OrbitCamera | CarlaCamera, ...], Field(min_length=1)] = (
+        OrbitCamera(name="front_left", azimuth=35, elevation=12, distance=7.5),
+    )
+    variation: VariationSection = VariationSection()
+    image: ImageSection = ImageSection()
+    base: Path = Field(default=Path("."), exclude=True)
+    """The folder that relative paths start from; set by :func:`load_scene`."""
+
+    @model_validator(mode="after")
+    def _unique_names(self) -> Scene:
+        names = [camera.name for camera in self.cameras if camera.name]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice:
+            raise ValueError(f"two cameras are named '{twice}'")
+        return self
+
+    def weather(self) -> Weather:
+        """The scene's own sun, sky and fog."""
+        fog = Fog(**self.fog.model_dump()) if self.fog else None
+        return Weather(
+            sun_altitude=self.sun.altitude,
+            sun_azimuth=self.sun.azimuth,
+            turbidity=self.sky.turbidity,
+            sun_scale=self.sun.scale,
+            sky_scale=self.sky.scale,
+            fog=fog,
+        )
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and check a scene file.
+
+    Raises:
+        SceneError: the file is missing, is not YAML, or a key or value in it is wrong.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such scene file; see scenes/ for examples") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read: {_one_line(error)}") from None
+    except (yaml.YAMLError, RecursionError) as error:
+        raise SceneError(f"{path}: not valid YAML: {_one_line(error)}") from None
+    if content is None:
+        content = {}
+    if not isinstance(content, dict):
+        raise SceneError(f"{path}: a scene file is a mapping of sections, got {content!r:.60}")
+    if "base" in content:
+        raise SceneError(f"{path}: base: unknown key; paths always start at the file's folder")
+    try:
+        return Scene.model_validate({**content, "base": path.parent})
+    except ValidationError as error:
+        raise SceneError(f"{path}: {_explain(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _explain(error: ValidationError) -> str:
+    """The first problem as ``key: what is wrong (got value)``, with the nearest right key."""
+    problem = _most_relevant(error.errors())
+    location = [part for part in problem["loc"] if part not in _UNION_TAGS]
+    where = ".".join(str(part) for part in location) or "scene"
+    if problem["type"] == "extra_forbidden":
+        section = _section_at(location[:-1], problem["loc"])
+        hint = did_you_mean(str(location[-1]), section.model_fields) if section else ""
+        return f"{where}: unknown key{hint}"
+    return f"{where}: {problem['msg'].removeprefix('Value error, ')} (got {problem['input']!r:.80})"
+
+
+_UNION_TAGS = {"OrbitCamera", "CarlaCamera"}
+
+
+def _most_relevant(problems: list[Any]) -> Any:
+    """A misspelt key is the cause of a missing one; a camera is tried as both of its kinds."""
+    problems = sorted(problems, key=lambda p: p["type"] != "extra_forbidden")
+    first = problems[0]
+    if "cameras" not in first["loc"]:
+        return first
+    index = first["loc"][1] if len(first["loc"]) > 1 else None
+    here = [p for p in problems if p["loc"][:2] == ("cameras", index)]
+    is_carla = not any(p["loc"][2:] == ("CarlaCamera", "carla") for p in here)
+    kind = "CarlaCamera" if is_carla else "OrbitCamera"
+    return next((p for p in here if kind in p["loc"]), first)
+
+
+def _section_at(location: list[Any], tagged: tuple[Any, ...]) -> type[BaseModel] | None:
+    """The model whose keys were allowed at ``location``."""
+    if "cameras" in location:
+        return CarlaCamera if "CarlaCamera" in tagged else OrbitCamera
+    model: type[BaseModel] = Scene
+    for key in location:
+        kinds = [model.model_fields[key].annotation, *get_args(model.model_fields[key].annotation)]
+        found = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
+        if not found:
+            return None
+        model = found[0]
+    return model
