@@ -109,7 +109,7 @@ def _read_picture(path: Path) -> Float[np.ndarray, "height width channels"]:
     pixels = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise TextureError(f"{path}: cannot be decoded; is it really a {path.suffix} file?")
-    scale = np.iinfo(pixels.dtype).max  # 8 or 16 bits
+    scale = 65535 if pixels.dtype == np.uint16 else 255
     if pixels.ndim == 2:
         pixels = pixels[..., None]
     if pixels.shape[2] >= 3:  # OpenCV starts with blue
