@@ -44,12 +44,9 @@ def paint_atlas(paint: Surface) -> tuple[Surface, Float[np.ndarray, "vertices 2"
     plane = {c: charts[c].vertices @ np.array([c.u, c.v], float).T for row in ROWS for c in row}
     low = {c: points.min(axis=0) for c, points in plane.items()}
     size = {c: np.ptp(points, axis=0) for c, points in plane.items()}
-    widest = max((sum(size[c][0] for c in row), len(row)) for row in ROWS)
     heights = [max(size[c][1] for c in row) for row in ROWS]
-    scale = min(
-        (1 - (widest[1] + 1) * PADDING) / widest[0],
-        (1 - (len(ROWS) + 1) * PADDING) / sum(heights),
-    )
+    across = [(1 - (len(row) + 1) * PADDING) / sum(size[c][0] for c in row) for row in ROWS]
+    scale = min(*across, (1 - (len(ROWS) + 1) * PADDING) / sum(heights))
     uvs, top = [], 1.0
     for row, height in zip(ROWS, heights, strict=True):
         left = PADDING
@@ -71,6 +68,9 @@ def _cut(paint: Surface) -> dict[Chart, Surface]:
 
 
 def _facing(surface: Surface, axis: int, sign: int = 1) -> Float[np.ndarray, " vertices"]:
-    """How much more a vertex looks along one axis than along the other two."""
+    """How much more a vertex looks along one axis than along the other two.
+
+    Sloping tail gates, at 45°, belong to the tail as a whole, hence the factor.
+    """
     others = np.delete(np.abs(surface.normals), axis, axis=1).max(axis=1)
-    return sign * surface.normals[:, axis] - others
+    return 1.25 * sign * surface.normals[:, axis] - others

@@ -72,6 +72,12 @@ class Body:
         """Height of the widest line and of both bumpers."""
         return 0.5 * (self.shape.clearance + self.shape.nose_height) + 0.04
 
+    @property
+    def tail_top(self) -> float:
+        """Height of the rear face's upper edge."""
+        shrink = float(_lame(np.array(END_HEIGHT), HEIGHT_EXPONENT))
+        return self.waist + shrink * (float(self.top(np.array(-self.nose))) - self.waist)
+
     @cached_property
     def _profile(self) -> Float[np.ndarray, "points 2"]:
         s = self.shape
@@ -140,7 +146,10 @@ class Body:
         height = self.top(x) * _lame(END_HEIGHT * x / self.nose, HEIGHT_EXPONENT)
         line = np.stack([x, self.plan(x) * self.shape.width / 2, height], axis=1)
         run = np.append(0.0, np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum())
-        return np.interp(np.linspace(0.0, run[-1], STATIONS), run, x)
+        stations = np.interp(np.linspace(0.0, run[-1], STATIONS), run, x)
+        # The plan's slope is infinite here: a rounding error in x would leave the ends open.
+        stations[[0, -1]] = self.nose, -self.nose
+        return stations
 
     def _sections(self, x: Numbers) -> Float[np.ndarray, "stations 7 2"]:
         """Corners (y, z) of the half-sections from the floor's middle to the roof's."""

@@ -45,7 +45,9 @@ def regions(body: Body) -> list[Region]:
     glass = [windscreen(body), rear_window(body), *side_windows(body)]
     sealed = [*glass, *lights(body)]
     doors = [Region("paint", door) for door in [*door_outlines(body), *lids(body)]]
+    cover = [Region("trim", lambda skin: bed_cover(body, skin))] if body.shape.open_bed else []
     return [
+        *cover,
         Region("underbody", lambda skin: skin.z - body.shape.clearance - 0.045),
         *pillars(body),
         *sealed,
@@ -70,7 +72,7 @@ def rear_window(body: Body) -> Region:
         return Region(
             "glass", lambda skin: _between(body, skin, body.deck + 0.05, body.roof_rear - 0.05)
         )
-    low, high = s.belt_height + s.belt_rise + 0.05, s.height - 0.16
+    low, high = s.belt_height + s.belt_rise + 0.05, body.tail_top - 0.015
     half = float(body.corner(np.array(-0.8 * body.nose))) - 0.07
 
     def distance(skin: Surface) -> Distance:
@@ -99,6 +101,18 @@ def pillar_positions(body: Body) -> tuple[float, ...]:
     """x of the post behind the front door, and of the one behind the rear door."""
     front = 0.5 * (body.axles[0] + body.axles[1]) - 0.02
     return front, body.axles[1] + 0.12
+
+
+def bed_cover(body: Body, skin: Surface) -> Distance:
+    """The tarpaulin of a pickup between its cabin and its tail gate."""
+    box = _box(
+        skin.x,
+        skin.y,
+        (body.deck - 0.5 * body.shape.boot_length, 0.0),
+        (0.5 * body.shape.boot_length - 0.09, 0.41 * body.shape.width),
+        0.05,
+    )
+    return np.maximum(box, body.belt(skin.x) - 0.02 - skin.z)
 
 
 def lights(body: Body) -> list[Region]:
@@ -135,10 +149,7 @@ def grille_and_plates(body: Body) -> list[Region]:
         return np.maximum(_box(skin.y, skin.z, (0.0, tail_top - 0.22), (0.26, 0.056), 0.01), skin.x)
 
     def apron(skin: Surface) -> Distance:
-        low = s.clearance + 0.03
-        return np.maximum(
-            _box(skin.y, skin.z, (0.0, low), (0.72 * half, 0.12), 0.03), skin.x + body.nose - 0.5
-        )
+        return np.maximum(skin.z - s.clearance - 0.15, skin.x - body.axles[1])
 
     return [
         Region("plate", lambda skin: front(skin, body.waist - 0.02, (0.26, 0.056), 0.01)),

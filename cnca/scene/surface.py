@@ -32,9 +32,9 @@ class Surface:
             vertices.round(6), axis=0, return_index=True, return_inverse=True
         )
         vertices, faces = vertices[first], same.ravel()[faces]
+        # Faces without area stay as long as they close the gap between three points in a row.
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
         crosses = face_crosses(vertices, faces)
-        solid = np.linalg.norm(crosses, axis=1) > 1e-12
-        faces, crosses = faces[solid], crosses[solid]
         normals = np.zeros_like(vertices)
         for corner in range(3):
             np.add.at(normals, faces[:, corner], crosses)
@@ -140,7 +140,8 @@ def revolved(profile: Float[np.ndarray, "points 2"], segments: int = 48) -> Surf
     The profile runs counter-clockwise around its material with radius to the right, y upwards:
     outwards on the −y side, back to the axis on the +y side.
     """
-    angle = np.linspace(0.0, 2 * np.pi, segments, endpoint=False)
+    # The first meridian points down, so that a wheel touches the ground with a vertex.
+    angle = np.linspace(0.0, 2 * np.pi, segments, endpoint=False) - np.pi / 2
     radius, y = profile[:, :1], np.broadcast_to(profile[:, 1:], (len(profile), segments))
     vertices = np.stack([radius * np.cos(angle), y, radius * np.sin(angle)], axis=-1)
     return Surface.smooth(vertices.reshape(-1, 3), grid_faces(len(profile), segments))
