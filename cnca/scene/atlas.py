@@ -38,9 +38,13 @@ TAIL = Chart("tail", (0, -1, 0), (0, 0, 1))
 ROWS = ((LEFT,), (RIGHT,), (TOP,), (NOSE, TAIL))
 
 
-def paint_atlas(paint: Surface) -> tuple[Surface, Float[np.ndarray, "vertices 2"]]:
-    """Cut the painted surface into charts; return it with its UVs in [0, 1]², v upwards."""
-    charts = _cut(paint)
+def paint_atlas(paint: Surface, ceiling: float) -> tuple[Surface, Float[np.ndarray, "vertices 2"]]:
+    """Cut the painted surface into charts; return it with its UVs in [0, 1]², v upwards.
+
+    Nose and tail end at the height ``ceiling`` in metres: what is above a tail gate's window is
+    roof, or it would be an island of its own.
+    """
+    charts = _cut(paint, ceiling)
     plane = {c: charts[c].vertices @ np.array([c.u, c.v], float).T for row in ROWS for c in row}
     low = {c: points.min(axis=0) for c, points in plane.items()}
     size = {c: np.ptp(points, axis=0) for c, points in plane.items()}
@@ -58,10 +62,10 @@ def paint_atlas(paint: Surface) -> tuple[Surface, Float[np.ndarray, "vertices 2"
     return join([charts[c] for row in ROWS for c in row]), np.concatenate(uvs)
 
 
-def _cut(paint: Surface) -> dict[Chart, Surface]:
+def _cut(paint: Surface, ceiling: float) -> dict[Chart, Surface]:
     """Each chart gets the faces that look along its normal; seams run where two are equal."""
-    nose, rest = paint.split(-_facing(paint, 0))
-    tail, rest = rest.split(-_facing(rest, 0, -1))
+    nose, rest = paint.split(np.maximum(-_facing(paint, 0), paint.z - ceiling))
+    tail, rest = rest.split(np.maximum(-_facing(rest, 0, -1), rest.z - ceiling))
     top, sides = rest.split(np.abs(rest.normals[:, 1]) - np.abs(rest.normals[:, 2]))
     right, left = sides.split(sides.y)
     return {LEFT: left, RIGHT: right, TOP: top, NOSE: nose, TAIL: tail}
@@ -73,4 +77,4 @@ def _facing(surface: Surface, axis: int, sign: int = 1) -> Float[np.ndarray, " v
     Sloping tail gates, at 45°, belong to the tail as a whole, hence the factor.
     """
     others = np.delete(np.abs(surface.normals), axis, axis=1).max(axis=1)
-    return 1.25 * sign * surface.normals[:, axis] - others
+    return 1.1 * sign * surface.normals[:, axis] - others

@@ -25,6 +25,8 @@ HEIGHT_EXPONENT = 22.0
 """Of the outline seen from the side."""
 END_HEIGHT = 0.99
 """Part of the height's superellipse that is used: 1 would bring nose and tail to a point."""
+END_LIFT = 0.05
+"""How much higher the floor is under nose and tail than between the wheels, metres."""
 STATIONS = 96
 ROOF_CROWN = 0.05
 """How much higher the roof is in the middle than at its corner, metres."""
@@ -156,12 +158,13 @@ class Body:
         s = self.shape
         w, one = s.width / 2, np.ones_like(x)
         belt, top = self.belt(x), self.top(x)
+        floor = s.clearance + END_LIFT * _smooth_step((np.abs(x) - self.nose + 0.7) / 0.7)
         corner_y = self.corner(x) / np.maximum(self.plan(x), 1e-9)
         corner_z = np.maximum(top - ROOF_CROWN, belt + 0.02)
         lines = [
-            (0.0 * one, s.clearance * one),
-            (0.90 * w * one, s.clearance * one),
-            (0.97 * w * one, (s.clearance + 0.10) * one),
+            (0.0 * one, floor),
+            (0.90 * w * one, floor),
+            (0.97 * w * one, floor + 0.10),
             (w * one, self.waist * one + 0.10),
             (0.965 * w * one, belt),
             (corner_y, corner_z),

@@ -116,52 +116,56 @@ def bed_cover(body: Body, skin: Surface) -> Distance:
 
 
 def lights(body: Body) -> list[Region]:
-    """Headlights and tail lights, which reach around the corners."""
-    s = body.shape
-    high, half = body.waist + 0.16, s.width / 2
-    tail_top = s.boot_height if s.boot_length > 0 else s.belt_height + s.belt_rise
+    """Headlights and tail lights, which reach around the corners and rise outwards."""
+    half = body.shape.width / 2
 
     def head(skin: Surface) -> Distance:
-        lamp = _box(np.abs(skin.y), skin.z, (0.80 * half, high), (0.24 * half, 0.075), 0.05)
-        return np.maximum(lamp, body.nose - 0.55 - skin.x)
+        z = skin.z - body.waist - 0.17 - 0.12 * (np.abs(skin.y) - 0.8 * half)
+        lamp = _box(np.abs(skin.y), z, (0.81 * half, 0.0), (0.25 * half, 0.065), 0.05)
+        return np.maximum(lamp, body.nose - 0.50 - skin.x)
 
     def tail(skin: Surface) -> Distance:
-        lamp = _box(
-            np.abs(skin.y), skin.z, (0.82 * half, tail_top - 0.17), (0.24 * half, 0.085), 0.04
-        )
+        z = skin.z - _lid_height(body) + 0.17
+        lamp = _box(np.abs(skin.y), z, (0.82 * half, 0.0), (0.30 * half, 0.09), 0.04)
         return np.maximum(lamp, skin.x + body.nose - 0.38)
 
     return [Region("light", head), Region("tail_light", tail)]
 
 
 def grille_and_plates(body: Body) -> list[Region]:
-    """Number plates, radiator grille, lower air intake and the tail's lower apron."""
+    """Number plates, the radiator grille in its frame, air intakes and the lower apron."""
     s = body.shape
     half = s.width / 2
-    tail_top = s.boot_height if s.boot_length > 0 else s.belt_height + s.belt_rise
 
-    def front(skin: Surface, centre: float, size: tuple[float, float], radius: float) -> Distance:
-        return np.maximum(
-            _box(skin.y, skin.z, (0.0, centre), size, radius), body.nose - 0.5 - skin.x
-        )
+    def front(a: Distance, skin: Surface, *box: tuple[float, float], radius: float) -> Distance:
+        return np.maximum(_box(a, skin.z, *box, radius), body.nose - 0.5 - skin.x)
+
+    def front_plate(skin: Surface) -> Distance:
+        return front(skin.y, skin, (0.0, body.waist - 0.02), (0.26, 0.056), radius=0.01)
 
     def rear_plate(skin: Surface) -> Distance:
-        return np.maximum(_box(skin.y, skin.z, (0.0, tail_top - 0.22), (0.26, 0.056), 0.01), skin.x)
+        centre = (0.0, _lid_height(body) - 0.22)
+        return np.maximum(_box(skin.y, skin.z, centre, (0.26, 0.056), 0.01), skin.x)
+
+    def grille(skin: Surface) -> Distance:
+        return front(skin.y, skin, (0.0, body.waist + 0.08), (0.46 * half, 0.16), radius=0.07)
+
+    def intakes(skin: Surface) -> Distance:
+        centre = (0.76 * half, s.clearance + 0.20)
+        return front(np.abs(skin.y), skin, centre, (0.17 * half, 0.06), radius=0.04)
 
     def apron(skin: Surface) -> Distance:
-        return np.maximum(skin.z - s.clearance - 0.15, skin.x - body.axles[1])
+        between = np.minimum(skin.x - body.axles[1], body.axles[0] - skin.x)
+        return np.maximum(skin.z - s.clearance - 0.13, between)
 
     return [
-        Region("plate", lambda skin: front(skin, body.waist - 0.02, (0.26, 0.056), 0.01)),
+        Region("plate", front_plate),
         Region("plate", rear_plate),
-        Region("plate", rear_plate).grown(0.035, "trim"),
+        Region("plate", rear_plate).grown(0.04, "trim"),
+        Region("trim", grille, recess=0.03),
+        Region("trim", grille).grown(0.016, "metal"),
+        Region("trim", intakes, recess=0.05),
         Region("trim", apron),
-        Region(
-            "trim", lambda skin: front(skin, body.waist + 0.15, (0.46 * half, 0.07), 0.04), 0.04
-        ),
-        Region(
-            "trim", lambda skin: front(skin, s.clearance + 0.13, (0.66 * half, 0.06), 0.04), 0.05
-        ),
     ]
 
 
@@ -201,6 +205,12 @@ def lids(body: Body) -> list[Callable[[Surface], Distance]]:
         return _soft_maximum(ends, np.abs(skin.y) - 0.39 * s.width, 0.06)
 
     return [bonnet, lid]
+
+
+def _lid_height(body: Body) -> float:
+    """Height of the boot, or of the tail gate's window: what is below carries lights and plate."""
+    s = body.shape
+    return s.boot_height if s.boot_length > 0 else s.belt_height + s.belt_rise
 
 
 def _between(body: Body, skin: Surface, rear: float, front: float) -> Distance:

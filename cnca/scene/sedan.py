@@ -31,7 +31,9 @@ def build_sedan(
     pieces.setdefault("paint", []).append(skin)
     for material, surface in [*place_wheels(body).items(), *fittings(body)]:
         pieces.setdefault(material, []).append(surface)
-    return Vehicle(name, tuple(_part(material, join(found)) for material, found in pieces.items()))
+    return Vehicle(
+        name, tuple(_part(body, material, join(found)) for material, found in pieces.items())
+    )
 
 
 def fittings(body: Body) -> list[tuple[str, Surface]]:
@@ -48,8 +50,9 @@ def fittings(body: Body) -> list[tuple[str, Surface]]:
     return left + [(material, surface.mirrored()) for material, surface in left]
 
 
-def _part(material: str, surface: Surface) -> Part:
+def _part(body: Body, material: str, surface: Surface) -> Part:
     uvs = None
     if material == "paint":
-        surface, uvs = paint_atlas(surface)
+        has_boot = body.shape.boot_length > 0
+        surface, uvs = paint_atlas(surface, body.shape.height if has_boot else body.tail_top - 0.02)
     return Part(material, material, surface.vertices, surface.faces, surface.normals, uvs)
