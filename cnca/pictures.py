@@ -5,8 +5,6 @@ All pictures here are sRGB, uint8, (height, width, 3), channels in the order red
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from jaxtyping import UInt8
 from torch import Tensor
 
 from cnca.errors import RunError
+from cnca.files import replacing
 from cnca.types import Detections, SrgbImages
 
 SrgbPicture = UInt8[np.ndarray, "height width 3"]
@@ -87,17 +86,8 @@ def write_png(path: Path, picture: SrgbPicture) -> None:
     done, encoded = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     if not done:
         raise RunError(f"{path}: OpenCV cannot encode a picture of shape {picture.shape}")
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-            temporary = file.name
-            file.write(encoded.tobytes())
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise RunError(f"{path}: cannot be written ({error.strerror}); check the folder") from error
+    with replacing(path) as temporary:
+        temporary.write_bytes(encoded.tobytes())
 
 
 def _captioned(picture: SrgbPicture, text: str) -> SrgbPicture:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor
 
 from cnca.detect.darknet import Convolution, Darknet
 from cnca.errors import DetectorError, did_you_mean
+from cnca.files import replacing
 
 SUFFIXES = (".safetensors", ".weights")
 
@@ -44,9 +44,8 @@ def save_weights(network: Darknet, path: Path, *, dtype: torch.dtype = torch.flo
         name: tensor.detach().to("cpu", dtype).contiguous()
         for name, tensor in stored_tensors(network).items()
     }
-    temporary = path.with_name(path.name + ".tmp")
-    save_file(tensors, temporary)
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        temporary.write_bytes(save(tensors))
 
 
 def stored_tensors(network: Darknet) -> dict[str, Tensor]:

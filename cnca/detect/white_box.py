@@ -49,7 +49,11 @@ class DarknetDetector(CandidateDetector):
         return cls(network.to(device), names, name or config.stem)
 
     def candidates(self, images: SrgbImages) -> Candidates:
-        """Return all boxes of all heads, in pixels of ``images``; differentiable in ``images``."""
+        """Return all boxes of all heads, in pixels of ``images``; differentiable in ``images``.
+
+        Images of another type or device are brought to the network's, where the results stay.
+        """
+        images = images.to(next(self.network.parameters()))
         if self.keeps_aspect:
             inputs, placement = letterbox(images, self.size, grey=0.5, centred=True)
         else:

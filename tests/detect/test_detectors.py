@@ -49,6 +49,11 @@ class DetectorContract:
             assert images.grad.isfinite().all()
             assert (images.grad != 0).float().mean() > 0.9
 
+    def test_double_precision_is_accepted(self, detector):
+        images = torch.rand(1, 3, 64, 64)
+        single, double = detector.candidates(images), detector.candidates(images.double())
+        torch.testing.assert_close(single.objectness.double(), double.objectness.double())
+
     def test_detections_are_sorted_and_inside(self, detector):
         images = torch.rand(2, 3, 96, 128)
         for found in detector.detect(images, score_threshold=0.001):

@@ -1,0 +1,97 @@
+"""Random changes to training pictures (sRGB, uint8), by OpenCV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+Picture = UInt8[np.ndarray, "height width 3"]
+BoxArray = Float[np.ndarray, "objects 4"]
+
+ZOOM = (0.6, 1.5)
+SHIFT = 0.2
+"""Fraction of the picture by which it moves, at most."""
+BRIGHTNESS, CONTRAST, TINT = 0.15, 0.35, 0.12
+BLUR_CHANCE, NOISE_CHANCE, GREY_CHANCE = 0.15, 0.2, 0.05
+SMALLEST_REMAINDER = 0.3
+"""An object of which less than this fraction stays in the picture is no target any more."""
+GREY = (128, 128, 128)
+
+
+def augment(
+    picture: Picture, boxes: BoxArray, size: tuple[int, int], random: np.random.Generator
+) -> tuple[Picture, BoxArray, np.ndarray]:
+    """Return a picture of ``size`` (height, width), its boxes and which of ``boxes`` they are."""
+    picture, boxes, kept = _move(picture, boxes, size, random)
+    picture = _recolour(picture, random)
+    if random.random() < BLUR_CHANCE:
+        picture = cv2.GaussianBlur(picture, (0, 0), random.uniform(0.4, 1.5))
+    if random.random() < NOISE_CHANCE:
+        noise = random.normal(0, random.uniform(2, 10), picture.shape).astype(np.float32)
+        picture = np.clip(picture + noise, 0, 255).astype(np.uint8)
+    return picture, boxes, kept
+
+
+def _move(
+    picture: Picture, boxes: BoxArray, size: tuple[int, int], random: np.random.Generator
+) -> tuple[Picture, BoxArray, np.ndarray]:
+    """Zoom, shift and mirror; objects that leave the picture are dropped."""
+    zoom = float(np.exp(random.uniform(*np.log(ZOOM))))
+    shift = tuple(random.uniform(-SHIFT, SHIFT, 2))
+    matrix = _placement(picture.shape, size, zoom, shift, mirrored=random.random() < 0.5)
+    moved = _warp_boxes(boxes, matrix)
+    inside = np.clip(moved, 0, [size[1], size[0], size[1], size[0]])
+    kept = _areas(inside) >= SMALLEST_REMAINDER * np.maximum(_areas(moved), 1.0)
+    return _warp(picture, matrix, size), inside[kept], kept
+
+
+def _placement(
+    shape: tuple[int, ...],
+    size: tuple[int, int],
+    zoom: float,
+    shift: Sequence[float],
+    mirrored: bool,
+) -> np.ndarray:
+    """The affine matrix that letterboxes a picture into ``size``, changed about the middle."""
+    height, width = size
+    scale = min(height / shape[0], width / shape[1]) * zoom
+    sign = -scale if mirrored else scale
+    x = width / 2 + shift[0] * width - sign * shape[1] / 2
+    y = height / 2 + shift[1] * height - scale * shape[0] / 2
+    return np.array([[sign, 0, x], [0, scale, y]])
+
+
+def _warp(picture: Picture, matrix: np.ndarray, size: tuple[int, int]) -> Picture:
+    # OpenCV's coordinates are those of pixel centres; boxes are measured from pixel borders.
+    centres = matrix.copy()
+    centres[:, 2] += matrix[:, :2].sum(axis=1) * 0.5 - 0.5
+    smaller = abs(matrix[0, 0]) < 1
+    if smaller:  # warpAffine does not filter: blur away what the target cannot show
+        sigma = 0.5 * np.sqrt(1 / matrix[0, 0] ** 2 - 1)
+        picture = cv2.GaussianBlur(picture, (0, 0), max(sigma, 0.01))
+    return cv2.warpAffine(picture, centres, (size[1], size[0]), borderValue=GREY)
+
+
+def _warp_boxes(boxes: BoxArray, matrix: np.ndarray) -> BoxArray:
+    corners = boxes.reshape(-1, 2, 2) * [matrix[0, 0], matrix[1, 1]] + matrix[:, 2]
+    return np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)
+
+
+def _recolour(picture: Picture, random: np.random.Generator) -> Picture:
+    """Brightness, contrast and tint as one table per channel; sometimes grey."""
+    levels = np.linspace(0, 1, 256)[:, None]
+    contrast = np.exp(random.uniform(-CONTRAST, CONTRAST))
+    tint = np.exp(random.uniform(-TINT, TINT, 3))
+    table = ((levels - 0.5) * contrast + 0.5 + random.uniform(-BRIGHTNESS, BRIGHTNESS)) * tint
+    table = (np.clip(table, 0, 1) * 255).round().astype(np.uint8)
+    picture = cv2.LUT(picture, table[None])
+    if random.random() < GREY_CHANCE:
+        picture = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
+    return picture
+
+
+def _areas(boxes: BoxArray) -> np.ndarray:
+    return (boxes[:, 2:] - boxes[:, :2]).clip(min=0).prod(axis=1)

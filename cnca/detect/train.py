@@ -1,0 +1,263 @@
+"""Training a Darknet detector from scratch."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import cast
+
+import cv2
+import torch
+from rich.progress import Progress
+from torch.optim import AdamW
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.utils.data import DataLoader
+
+from cnca.detect import BUILTIN_CONFIG
+from cnca.detect.anchors import cluster_anchors, write_anchors
+from cnca.detect.cfg import read_config
+from cnca.detect.darknet import Convolution, Darknet
+from cnca.detect.dataset import LabelledPictures, TrainingPictures, collate
+from cnca.detect.measure import measure
+from cnca.detect.weights import save_weights
+from cnca.detect.white_box import DarknetDetector
+from cnca.detect.yolo import YoloHead
+from cnca.detect.yolo_loss import Targets, yolo_loss
+from cnca.errors import DetectorError, NonFiniteError, RunError
+from cnca.files import replacing
+
+Tensors = list[torch.Tensor] | tuple[torch.Tensor, ...]
+
+LEARNING_RATE, WARM_UP, WEIGHT_DECAY, AVERAGING = 2e-3, 0.05, 0.02, 0.998
+OBJECT_PRIOR = 0.01
+"""Objectness that an untrained network gives everywhere (Lin et al. 2017, section 4.1)."""
+LARGEST_GRADIENT = 10.0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What decides the outcome of a training, apart from the data."""
+
+    epochs: int = 20
+    minutes: float | None = None
+    """Training ends after so long, if that is sooner; the learning rate falls accordingly."""
+    batch: int = 32
+    seed: int = 0
+    bfloat16: bool = True
+    """Convolve in bfloat16 (several times faster on processors with AMX)."""
+
+
+class Training:
+    """The state that a checkpoint holds: network, its moving average, optimizer, progress."""
+
+    def __init__(self, network: Darknet, settings: Settings) -> None:
+        self.settings = settings
+        self.network = network
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.average = AveragedModel(network, multi_avg_fn=moving_average, use_buffers=True)
+        self.optimizer = AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        self.epoch = 0
+        self.seconds = 0.0
+
+    def progress(self, within_epoch: float, seconds: float) -> float:
+        """How much of the training is done, in [0, 1], by epochs or by time."""
+        done = (self.epoch + within_epoch) / self.settings.epochs
+        limit = self.settings.minutes
+        return min(1.0, max(done, seconds / (60 * limit) if limit else 0.0))
+
+    def step(self, images: torch.Tensor, targets: Targets, progress: float) -> dict[str, float]:
+        """One step of the optimizer; returns the losses by name."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate(progress)
+        self.network.train()
+        images = images.contiguous(memory_format=torch.channels_last)
+        with torch.autocast(images.device.type, torch.bfloat16, enabled=self.settings.bfloat16):
+            raw = self.network(images)
+        size = self.network.config.size
+        losses = yolo_loss(self.network.heads, [r.float() for r in raw], targets, size)
+        loss = torch.stack(list(losses.values())).sum()
+        if not bool(loss.isfinite()):
+            raise NonFiniteError(f"detector training: loss is {loss.item()} in epoch {self.epoch}")
+        self.optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
+        self.optimizer.step()
+        self.average.update_parameters(self.network)
+        return {name: value.item() for name, value in losses.items()}
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint under a temporary name, then rename."""
+        state = {
+            "settings": asdict(self.settings),
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "epoch": self.epoch,
+            "seconds": self.seconds,
+        }
+        with replacing(path) as temporary:
+            torch.save(state, temporary)
+
+    def load(self, path: Path) -> None:
+        """Continue from a checkpoint of the same settings (length and time limit may differ)."""
+        try:
+            state = torch.load(path, weights_only=True)
+            for key in ("batch", "seed", "bfloat16"):
+                if state["settings"][key] != getattr(self.settings, key):
+                    raise RunError(f"{path}: was trained with {key}={state['settings'][key]}")
+            self.network.load_state_dict(state["network"])
+            self.average.load_state_dict(state["average"])
+            self.optimizer.load_state_dict(state["optimizer"])
+        except (OSError, RuntimeError, KeyError, EOFError) as error:
+            reason = str(error).splitlines()[0]
+            raise RunError(f"{path}: cannot be resumed ({reason}); remove it") from error
+        self.epoch, self.seconds = state["epoch"], state["seconds"]
+
+
+def train_detector(
+    dataset: Path,
+    out: Path,
+    settings: Settings = Settings(),
+    *,
+    template: Path = BUILTIN_CONFIG,
+    resume: bool = False,
+    log: Callable[[str], None] = print,
+) -> dict:
+    """Train the network of ``template`` on ``dataset`` and return the report on its test half.
+
+    ``out`` receives ``<template>.cfg`` (with anchors of the data), ``.names``, ``.safetensors``
+    and ``.json`` (the report), which :func:`cnca.detect.load_detector` understands, and
+    ``checkpoint.pt`` after each epoch, from which ``resume`` continues.
+
+    Raises:
+        DetectorError: the data set cannot be used.
+        RunError: ``out`` holds a training already (without ``resume``), or one of other settings.
+        NonFiniteError: the loss became NaN or infinite.
+    """
+    data = LabelledPictures(dataset)
+    checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists() and not resume:
+        raise RunError(f"{out}: holds a training; resume it or choose another folder")
+    out.mkdir(parents=True, exist_ok=True)
+    config = out / template.name
+    if not checkpoint.exists():
+        write_config(data, template, config, settings.seed)
+    network = Darknet(read_config(config), torch.Generator().manual_seed(settings.seed))
+    set_object_prior(network)
+    training = Training(network, settings)
+    if checkpoint.exists():
+        training.load(checkpoint)
+        log(f"resumed after epoch {training.epoch}")
+    run_epochs(training, data, checkpoint, log)
+    trained = cast(Darknet, training.average.module)
+    save_weights(trained, config.with_suffix(".safetensors"))
+    report = {
+        "settings": asdict(settings),
+        "epochs": training.epoch,
+        "seconds": round(training.seconds, 1),
+        "test": measure(DarknetDetector(trained, data.class_names, config.stem), data),
+    }
+    write_text(config.with_suffix(".json"), json.dumps(report, indent=2) + "\n")
+    return report
+
+
+def run_epochs(
+    training: Training, data: LabelledPictures, checkpoint: Path, log: Callable[[str], None]
+) -> None:
+    """Train until the last epoch or the time limit, with a checkpoint after each epoch."""
+    settings = training.settings
+    pictures = TrainingPictures(data, training.network.config.size, settings.seed)
+    if len(pictures) < settings.batch:
+        raise DetectorError(f"{data.folder}: {len(pictures)} pictures to train on, too few")
+    with Progress() as bar:
+        task = bar.add_task("training", total=1.0)
+        while training.progress(0.0, training.seconds) < 1:
+            started, before = time.monotonic(), training.seconds
+            pictures.epoch = training.epoch
+            loader = _loader(pictures, settings)
+            sums: dict[str, float] = {}
+            for index, (images, targets) in enumerate(loader):
+                training.seconds = before + time.monotonic() - started
+                progress = training.progress(index / len(loader), training.seconds)
+                losses = training.step(images, targets, progress)
+                sums = {name: sums.get(name, 0.0) + value for name, value in losses.items()}
+                bar.update(task, completed=progress)
+                if progress >= 1:
+                    break
+            training.epoch += 1
+            training.seconds = before + time.monotonic() - started
+            training.save(checkpoint)
+            means = ", ".join(f"{name} {s / (index + 1):.3f}" for name, s in sums.items())
+            log(f"epoch {training.epoch}: {means}, {training.seconds:.0f} s")
+
+
+def learning_rate(progress: float) -> float:
+    """Linear warm-up, then half a cosine to zero (Loshchilov & Hutter 2017)."""
+    if progress < WARM_UP:
+        return LEARNING_RATE * max(progress / WARM_UP, 0.01)
+    return LEARNING_RATE * 0.5 * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP)))
+
+
+def moving_average(averaged: Tensors, current: Tensors, steps: torch.Tensor | int) -> None:
+    """Exponential moving average in place; it forgets faster during the first steps."""
+    decay = min(AVERAGING, (1 + int(steps)) / (10 + int(steps)))
+    get_ema_multi_avg_fn(decay)(averaged, current, steps)
+
+
+def set_object_prior(network: Darknet) -> None:
+    """Start with few objects everywhere, so that the background does not rule the first steps."""
+    for before, head in pairwise(network.layers):
+        if isinstance(head, YoloHead) and isinstance(before, Convolution):
+            bias = before.convolution.bias
+            if bias is not None:
+                bias.data.view(-1, 5 + head.classes)[:, 4] = math.log(
+                    OBJECT_PRIOR / (1 - OBJECT_PRIOR)
+                )
+
+
+def write_config(data: LabelledPictures, template: Path, config: Path, seed: int) -> None:
+    """Copy ``template`` with anchors of the training boxes, and write the class names beside it."""
+    parsed = read_config(template)
+    heads = Darknet(parsed).heads
+    if heads[0].classes != len(data.class_names):
+        names = ", ".join(data.class_names)
+        raise DetectorError(f"{template}: {heads[0].classes} classes, the data set has: {names}")
+    height, width = parsed.size
+    scale = min(height / data.pictures.shape[1], width / data.pictures.shape[2])
+    boxes = torch.cat([torch.from_numpy(data.boxes[i]) for i in data.of_split("train")]).float()
+    if len(boxes) == 0:
+        raise DetectorError(f"{data.folder}: no boxes to train on")
+    sizes = (boxes[:, 2:4] - boxes[:, :2]) * scale
+    count = sum(len(head.anchors) for head in heads)
+    anchors = cluster_anchors(sizes, count, torch.Generator().manual_seed(seed))
+    write_text(config, write_anchors(template.read_text(encoding="utf-8"), anchors))
+    write_text(config.with_suffix(".names"), "\n".join(data.class_names) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write under a temporary name, then rename."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _loader(pictures: TrainingPictures, settings: Settings) -> DataLoader:
+    order = torch.Generator().manual_seed(settings.seed * 1_000_003 + pictures.epoch)
+    return DataLoader(
+        pictures,
+        settings.batch,
+        shuffle=True,
+        drop_last=True,
+        generator=order,
+        collate_fn=collate,
+        num_workers=1,
+        worker_init_fn=_use_one_thread,
+    )
+
+
+def _use_one_thread(_worker: int) -> None:
+    cv2.setNumThreads(1)
