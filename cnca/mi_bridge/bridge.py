@@ -48,18 +48,21 @@ class Shot:
         """(views, height, width, 3)."""
         return (self.cameras.count, self.cameras.height, self.cameras.width, 3)
 
-    def start(self, seed: int) -> tuple[mi.Sampler, mi.Ray3f]:
-        """A freshly seeded sampler and the camera rays; the same for the same seed."""
+    def start(self, seed: int) -> tuple[mi.Sampler, mi.Ray3f, list[mi.Float]]:
+        """A freshly seeded sampler, the camera rays and their first reflection's random numbers."""
         opaque_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(opaque_seed, self.cameras.lanes(self.samples))
-        return sampler, self.cameras.rays(self.samples, opaque_seed)
+        return sampler, *self.cameras.rays(self.samples, opaque_seed)
 
     def primal(self, seed: int) -> mi.Color3f:
         """Radiance of every lane."""
-        sampler, ray = self.start(seed)
         return trace(
-            dr.ADMode.Primal, self.geometry.scene, self.surroundings, sampler, ray, self.bounces
+            dr.ADMode.Primal,
+            self.geometry.scene,
+            self.surroundings,
+            *self.start(seed),
+            bounces=self.bounces,
         )
 
     def adjoint(self, seed: int, image_gradient: mi.TensorXf) -> None:
@@ -67,16 +70,14 @@ class Shot:
         radiance = self.primal(seed)
         pixel = dr.arange(mi.UInt32, self.cameras.lanes(self.samples)) // self.samples
         δL = dr.gather(mi.Color3f, image_gradient.array, pixel) * (self.exposure / self.samples)
-        sampler, ray = self.start(seed)
         trace(
             dr.ADMode.Backward,
             self.geometry.scene,
             self.surroundings,
-            sampler,
-            ray,
-            self.bounces,
-            δL,
-            radiance,
+            *self.start(seed),
+            bounces=self.bounces,
+            δL=δL,
+            state=radiance,
         )
 
 

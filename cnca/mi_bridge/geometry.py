@@ -20,23 +20,36 @@ SPECULAR_SAMPLING_RATE = 0.15
 
 
 class Geometry:
-    """The Mitsuba scene of one vehicle on flat ground, without any emitter."""
+    """The Mitsuba scene of one vehicle and its props on flat ground, without any emitter."""
 
-    def __init__(self, vehicle: Vehicle, ground_albedo: Float[np.ndarray, "3"], texture_size: int):
-        """Raises TextureError where no part is painted, or the painted part has no UVs."""
-        painted = [part for part in vehicle.parts if part.material == "paint"]
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        ground_albedo: Float[np.ndarray, "3"],
+        texture_size: int,
+        props: tuple[Part, ...] = (),
+    ):
+        """
+        Args:
+            ground_albedo: linear RGB in [0, 1].
+            texture_size: texels per side of the texture on everything painted.
+            props: other things that stand around; painted ones wear the vehicle's texture.
+
+        Raises:
+            TextureError: no part of the vehicle is painted, or a painted part has no UVs.
+        """
+        parts = (*vehicle.parts, *props)
+        painted = [part for part in parts if part.material == "paint"]
         if not painted or any(part.uvs is None for part in painted):
             raise TextureError(f"vehicle {vehicle.name}: no painted part with UV coordinates")
         self.texture_size = texture_size
         white = mi.TensorXf(np.ones((texture_size, texture_size, 3), dtype=np.float32))
-        texture = mi.load_dict(
-            {"type": "bitmap", "data": white, "format": "variant", "raw": True}
-        )
+        texture = mi.load_dict({"type": "bitmap", "data": white, "format": "variant", "raw": True})
         bsdfs = {
             name: _bsdf(name, texture if name == "paint" else None)
-            for name in {part.material for part in vehicle.parts}
+            for name in sorted({part.material for part in parts})
         }
-        parts = {f"part_{i}": _mesh(p, bsdfs[p.material]) for i, p in enumerate(vehicle.parts)}
+        meshes = [_mesh(part, bsdfs[part.material]) for part in parts]
         ground = {
             "type": "disk",
             "to_world": mi.ScalarTransform4f().scale([GROUND_RADIUS, GROUND_RADIUS, 1]),
@@ -45,14 +58,10 @@ class Geometry:
                 "reflectance": {"type": "rgb", "value": [float(c) for c in ground_albedo]},
             },
         }
-        self.scene = mi.load_dict({"type": "scene", "ground": ground, **parts})
+        shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
+        self.scene = mi.load_dict({"type": "scene", "ground": ground, **shapes})
         self._texture = mi.traverse(texture)
-        self.vehicle_shapes = [s for s in self.scene.shapes() if s.id() != "ground"]
-        self.paint_shapes = [
-            shape
-            for shape, part in zip(self.vehicle_shapes, vehicle.parts, strict=True)
-            if part.material == "paint"
-        ]
+        self._vehicle_shapes = meshes[: len(vehicle.parts)]
 
     def bind(self, albedo: mi.TensorXf, *, differentiable: bool = False) -> mi.TensorXf:
         """Make ``albedo`` (size, size, 3), linear, row 0 at v = 1, the paint of what is rendered next.
@@ -68,11 +77,10 @@ class Geometry:
         self._texture.update()
         return bound
 
-    def is_vehicle(self, si: mi.SurfaceInteraction3f, *, paint_only: bool = False) -> mi.Bool:
-        """Which intersections lie on the vehicle (or on its paint alone)."""
-        shapes = self.paint_shapes if paint_only else self.vehicle_shapes
+    def is_vehicle(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
+        """Which intersections lie on the vehicle."""
         found = mi.Bool(False)
-        for shape in shapes:
+        for shape in self._vehicle_shapes:
             found |= si.shape == mi.ShapePtr(shape)
         return si.is_valid() & found
 

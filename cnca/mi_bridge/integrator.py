@@ -134,6 +134,7 @@ def trace(
     surroundings: Surroundings,
     sampler: mi.Sampler,
     ray: mi.Ray3f,
+    first_reflection: list[mi.Float],
     bounces: int,
     δL: mi.Color3f | None = None,
     state: mi.Color3f | None = None,
@@ -141,6 +142,7 @@ def trace(
     """Follow one path per ray and return its radiance (linear RGB).
 
     Args:
+        first_reflection: three random numbers per ray that choose its first reflection.
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
         δL: adjoint radiance per ray (``dr.ADMode.Backward`` only).
         state: what the primal pass returned for the same sampler seed (``Backward`` only).
@@ -189,9 +191,10 @@ def trace(
         L = L + Le + Lr_sun if primal else L - Le - dr.detach(Lr_sun)
 
         # ---------------- next segment ----------------
-        bs, weight = bsdf.sample(
-            context, si, sampler.next_1d(active_next), sampler.next_2d(active_next), active_next
-        )
+        lobe, across = sampler.next_1d(active_next), sampler.next_2d(active_next)
+        lobe = dr.select(depth == 0, first_reflection[0], lobe)
+        across = dr.select(depth == 0, mi.Point2f(*first_reflection[1:]), across)
+        bs, weight = bsdf.sample(context, si, lobe, across, active_next)
         active_next &= dr.max(weight) > 0
         ray_next = si.spawn_ray(si.to_world(bs.wo))
 

@@ -13,8 +13,10 @@ from cnca.errors import SceneError
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 
-PLASTIC = 1.32471795724474602596
-"""Root of x³ = x + 1: its inverse powers spread points evenly over the square (Roberts 2018, R₂)."""
+GOLDEN_5 = 1.13472413840151949
+"""Root of x⁶ = x + 1: its inverse powers spread points evenly over five dimensions (Roberts 2018)."""
+DIMENSIONS = 5
+"""Evenly spread numbers per lane: two for the pixel, three for the first reflection."""
 
 
 class Cameras:
@@ -30,23 +32,30 @@ class Cameras:
         frames = np.array([_camera_frame(view) for view in views], dtype=np.float32)
         self._frames = mi.Float(frames.ravel())  # (views, 4 vectors, 3 axes)
 
-    def rays(self, samples: int, seed: mi.UInt32) -> mi.Ray3f:
-        """One ray per lane through an evenly jittered point of its pixel."""
-        lane = dr.arange(mi.UInt32, self.count * self.height * self.width * samples)
+    def rays(self, samples: int, seed: mi.UInt32 | None = None) -> tuple[mi.Ray3f, list[mi.Float]]:
+        """One ray per lane, and three numbers in [0, 1) that go on with its even spread.
+
+        A pixel's lanes form one low-discrepancy set, shifted at random.  Without a seed the set is
+        the same in each pixel and starts at its centre.
+        """
+        lane = dr.arange(mi.UInt32, self.lanes(samples))
         pixel, sample = lane // samples, lane % samples
         row_index, column = pixel // self.width, pixel % self.width
         view, row = row_index // self.height, row_index % self.height
-        # One random shift per pixel keeps the even spread and removes its bias.
-        shift_x = mi.sample_tea_float32(2 * pixel, seed)
-        shift_y = mi.sample_tea_float32(2 * pixel + 1, seed)
-        jitter_x = _fraction(shift_x + mi.Float(sample) * (1 / PLASTIC))
-        jitter_y = _fraction(shift_y + mi.Float(sample) * (1 / PLASTIC**2))
-        x = 2 * (mi.Float(column) + jitter_x) / self.width - 1
-        y = 1 - 2 * (mi.Float(row) + jitter_y) / self.height
+        spread = []
+        for dimension in range(DIMENSIONS):
+            shift = mi.Float(0.5)
+            if seed is not None:
+                shift = mi.sample_tea_float32(pixel * DIMENSIONS + dimension, seed)
+            value = shift + mi.Float(sample) * GOLDEN_5 ** -(dimension + 1)
+            spread.append(value - dr.floor(value))
+        x = 2 * (mi.Float(column) + spread[0]) / self.width - 1
+        y = 1 - 2 * (mi.Float(row) + spread[1]) / self.height
         origin, right, up, forward = (
             dr.gather(mi.Vector3f, self._frames, 4 * view + vector) for vector in range(4)
         )
-        return mi.Ray3f(mi.Point3f(origin), dr.normalize(forward + x * right + y * up))
+        ray = mi.Ray3f(mi.Point3f(origin), dr.normalize(forward + x * right + y * up))
+        return ray, spread[2:]
 
     def lanes(self, samples: int) -> int:
         """Wavefront size for that many samples per pixel."""
@@ -56,10 +65,6 @@ class Cameras:
 def average_samples(values: mi.Float, samples: int) -> mi.Float:
     """Mean over the samples of each pixel (a box filter of one pixel)."""
     return dr.block_sum(values, samples) / samples
-
-
-def _fraction(x: mi.Float) -> mi.Float:
-    return x - dr.floor(x)
 
 
 def _camera_frame(view: View) -> np.ndarray:

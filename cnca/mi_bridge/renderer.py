@@ -15,10 +15,17 @@ from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.fog import FogField, solve_fog
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
+from cnca.mi_bridge.layers import (
+    Layers,
+    first_hits,
+    mask_boxes,
+    refuse_inside,
+    vehicle_mask,
+)
 from cnca.mi_bridge.light import lambertian_white, make_light
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
-from cnca.scene.mesh import Vehicle
+from cnca.scene.mesh import Part, Vehicle
 from cnca.scene.weather import Weather
 from cnca.types import Boxes, LinearImages, LinearTexture
 
@@ -44,6 +51,7 @@ class MitsubaRenderer:
         samples: int = 16,
         bounces: int = 2,
         exposure: float = 1.0,
+        props: tuple[Part, ...] = (),
     ):
         """
         Args:
@@ -52,10 +60,11 @@ class MitsubaRenderer:
             samples: rays per pixel.
             bounces: surface reflections of a path; 1 is sun and sky alone.
             exposure: factor on the metered exposure.
+            props: other things that stand around; painted ones wear the vehicle's texture.
         """
         self.vehicle = vehicle
         self.ground_albedo = np.asarray(ground_albedo, dtype=np.float64)
-        self.geometry = Geometry(vehicle, self.ground_albedo, texture_size)
+        self.geometry = Geometry(vehicle, self.ground_albedo, texture_size, props)
         self.samples, self.bounces, self.exposure = samples, bounces, exposure
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
 
@@ -86,6 +95,24 @@ class MitsubaRenderer:
         images = render(albedo.permute(1, 2, 0), shot).permute(0, 3, 1, 2)
         _refuse_non_finite(images.detach(), views, weather, seed)
         return images
+
+    def layers(self, views: Sequence[View]) -> Layers:
+        """What each view's camera hits first; independent of texture and weather."""
+        return first_hits(self.geometry, Cameras(views))
+
+    def vehicle_mask(self, views: Sequence[View]) -> Float[np.ndarray, "views height width"]:
+        """Share of each pixel that the vehicle covers, in [0, 1]."""
+        return vehicle_mask(self.geometry, Cameras(views))
+
+    def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
+        """Bounding boxes (views, 4) of all pixels that the vehicle touches, xyxy.
+
+        Raises:
+            SceneError: a view does not show the vehicle, or its camera is inside of it.
+        """
+        for view in views:
+            refuse_inside(self.geometry, view)
+        return mask_boxes(self.vehicle_mask(views), views)
 
     def _make_atmosphere(self, weather: Weather) -> _Atmosphere:
         light = make_light(weather, self.ground_albedo)

@@ -1,0 +1,131 @@
+"""The one place that turns names and files into objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from cnca.color import srgb_to_linear
+from cnca.errors import CncaError, SceneError, did_you_mean
+from cnca.paint import Paint
+from cnca.protocols import Detector, Renderer, TextureGenerator
+from cnca.scene.cameras import View, orbit_view
+from cnca.scene.carla import carla_view, read_carla_frame
+from cnca.scene.images import read_mask, read_texture_srgb
+from cnca.scene.load_mesh import resolve_vehicle
+from cnca.scene.mesh import Vehicle
+from cnca.scene.schema import CarlaCamera, Scene
+from cnca.scene.uv import paint_mask
+from cnca.types import SrgbTexture
+
+BACKENDS = ("mitsuba",)
+SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
+
+
+def build_vehicle(scene: Scene) -> Vehicle:
+    """The scene's vehicle, facing +x and standing on z = 0."""
+    section = scene.vehicle
+    return resolve_vehicle(
+        section.mesh, scene.base, up=section.up, front=section.front, scale=section.scale
+    )
+
+
+def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
+    """The vehicle's own texture and the mask of its paint, at the scene's texture size."""
+    section, size = scene.vehicle, scene.vehicle.texture_size
+    if section.paint_mask:
+        mask = read_mask(scene.base / section.paint_mask).astype(np.float32)
+        mask = cv2.resize(mask, (size, size), interpolation=cv2.INTER_AREA)
+    else:
+        mask = paint_mask(vehicle, size).astype(np.float32)
+    if section.base_texture:
+        base = read_texture_srgb(scene.base / section.base_texture)
+        base = cv2.resize(base, (size, size), interpolation=cv2.INTER_AREA)
+    else:
+        base = np.broadcast_to(np.float32(section.paint), (size, size, 3)).copy()
+    return Paint(
+        torch.from_numpy(base).permute(2, 0, 1).contiguous().clamp(0, 1),
+        torch.from_numpy(mask)[None].clamp(0, 1),
+    )
+
+
+def build_renderer(
+    scene: Scene, vehicle: Vehicle, *, backend: str = "mitsuba", samples: int | None = None
+) -> Renderer:
+    """The renderer called ``backend`` for the scene's vehicle and ground.
+
+    Raises CncaError for an unknown name.
+    """
+    if backend not in BACKENDS:
+        hint = did_you_mean(backend, BACKENDS)
+        raise CncaError(f"backend '{backend}': unknown; there is {', '.join(BACKENDS)}{hint}")
+    from cnca.mi_bridge.renderer import MitsubaRenderer
+
+    ground = srgb_to_linear(torch.tensor(scene.ground.color))
+    return MitsubaRenderer(
+        vehicle,
+        ground_albedo=ground.tolist(),
+        texture_size=scene.vehicle.texture_size,
+        samples=samples or scene.image.samples,
+        exposure=scene.image.exposure,
+    )
+
+
+def build_views(scene: Scene) -> list[View]:
+    """The cameras that the scene names."""
+    size = {"width": scene.image.width, "height": scene.image.height}
+    views = []
+    for camera in scene.cameras:
+        if isinstance(camera, CarlaCamera):
+            frame = read_carla_frame(scene.base / camera.carla)
+            name = camera.name or Path(camera.carla).stem
+            pose = {"lift": camera.lift, "fov": camera.fov, "name": name}
+            views.append(carla_view(frame.vehicle, frame.camera, **pose, **size))
+        else:
+            views.append(orbit_view(**camera.model_dump(), **size))
+    return views
+
+
+def choose_views(scene: Scene, name: str | None, *, every: bool = False) -> list[View]:
+    """The view called ``name``, all of them, or the first; raises SceneError for another name."""
+    views = build_views(scene)
+    if every:
+        return views
+    if name is None:
+        return views[:1]
+    chosen = [view for view in views if view.name == name]
+    if not chosen:
+        names = [view.name for view in views]
+        hint = did_you_mean(name, names)
+        raise SceneError(f"view '{name}': the scene has {', '.join(names)}{hint}")
+    return chosen
+
+
+def build_generator(path: str | Path | None, **options: object) -> TextureGenerator:
+    """The diffusion pipeline in a folder in diffusers format; None is the shipped one."""
+    from cnca.gen.sampling import DiffusionTextureGenerator
+
+    return DiffusionTextureGenerator.load(Path(path or SHIPPED_GENERATOR), **options)
+
+
+def build_detector(spec: str) -> Detector:
+    """The detector called ``spec``: ``builtin``, a Darknet ``.cfg`` or an ``.onnx`` file."""
+    from cnca.detect import load_detector
+
+    return load_detector(spec)
+
+
+def read_texture(path: str | Path) -> SrgbTexture:
+    """A texture file as a tensor (3, height, width) in [0, 1]."""
+    return torch.from_numpy(read_texture_srgb(path)).permute(2, 0, 1).contiguous()
+
+
+def vehicle_label(class_names: Sequence[str], wanted: str = "car") -> int:
+    """The index of class ``wanted``; raises CncaError where it is missing."""
+    if wanted not in class_names:
+        raise CncaError(f"the detector knows no class '{wanted}': it has {', '.join(class_names)}")
+    return list(class_names).index(wanted)

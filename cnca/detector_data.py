@@ -1,0 +1,205 @@
+"""Renders the pictures on which the built-in detector is trained and tested.
+
+Every picture shows one of the built-in vehicles, or none, among boxes, barrels and the like that
+may wear the same texture: so neither a loud texture nor a blob on the ground makes a car.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from cnca import controls
+from cnca.color import linear_to_srgb
+from cnca.files import replacing
+from cnca.gen import textures
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.paint import Paint
+from cnca.scene import props
+from cnca.scene.cameras import View, orbit_view
+from cnca.scene.mesh import Part, Vehicle
+from cnca.scene.sedan import BUILTIN_VEHICLES, build_sedan
+from cnca.scene.uv import paint_mask
+from cnca.scene.weather import Fog, Weather
+from cnca.types import SrgbTexture
+
+GROUPS = ("plain", "uniform", "blocks", "shuffled", "prompt")
+"""Kinds of paint; a picture without a vehicle is in the group ``empty``."""
+PICTURES_PER_SCENE = 15
+WEATHERS_PER_SCENE = 3
+EMPTY_SHARE, FOG_SHARE, TEST_SHARE = 0.15, 0.4, 0.15
+TEXTURE_SIZE, SAMPLES = 256, 8
+LEAST_PIXELS = 300
+"""A vehicle hidden beyond this is not one to find."""
+PLAIN_PAINTS = (
+    (0.92, 0.92, 0.92), (0.78, 0.79, 0.80), (0.45, 0.46, 0.48), (0.06, 0.06, 0.07),
+    (0.60, 0.05, 0.06), (0.08, 0.16, 0.45), (0.05, 0.25, 0.16), (0.78, 0.70, 0.55),
+)  # fmt: skip
+"""sRGB colours in which most cars are sold."""
+
+
+@dataclass(frozen=True)
+class _Picture:
+    image: np.ndarray
+    """uint8 sRGB (size, size, 3)."""
+    box: list[float] | None
+    """xyxy and class 0, or None without a vehicle."""
+    group: str
+
+
+def render_detector_data(
+    out: Path, *, pictures: int, seed: int, size: int = 256, prompts: Sequence[SrgbTexture] = ()
+) -> None:
+    """Write ``images.npy`` and ``labels.json`` into ``out``; continues where it was interrupted.
+
+    Args:
+        pictures: how many; rounded up to whole scenes of 15.
+        size: pixels per side.
+        prompts: textures made by a diffusion model, used beside procedural ones.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    scenes = -(-pictures // PICTURES_PER_SCENE)
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    )  # fmt: skip
+    with Progress(*columns) as progress:
+        task = progress.add_task("scenes for the detector", total=scenes)
+        for index in range(scenes):
+            part = out / f"scene{index:04d}.npz"
+            if not part.exists():
+                _save(part, _render_scene(np.random.default_rng([seed, index]), size, prompts))
+            progress.advance(task)
+    _merge(out, scenes)
+
+
+def _save(path: Path, pictures: list[_Picture]) -> None:
+    labels = json.dumps([{"box": p.box, "group": p.group} for p in pictures])
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, images=np.stack([p.image for p in pictures]), labels=labels)
+
+
+def _merge(out: Path, scenes: int) -> None:
+    images, boxes, groups, splits = [], [], [], []
+    for index in range(scenes):
+        with np.load(out / f"scene{index:04d}.npz") as part:
+            images.append(part["images"])
+            labels = json.loads(str(part["labels"]))
+        boxes += [[label["box"]] if label["box"] else [] for label in labels]
+        groups += [label["group"] for label in labels]
+        splits += ["test" if index < TEST_SHARE * scenes else "train"] * len(labels)
+    with replacing(out / "images.npy") as temporary, temporary.open("wb") as file:
+        np.save(file, np.concatenate(images))
+    table = {"class_names": ["car"], "boxes": boxes, "group": groups, "split": splits}
+    with replacing(out / "labels.json") as temporary:
+        temporary.write_text(json.dumps(table))
+
+
+def _render_scene(
+    rng: np.random.Generator, size: int, prompts: Sequence[SrgbTexture]
+) -> list[_Picture]:
+    empty = rng.random() < EMPTY_SHARE
+    shape = str(rng.choice(list(BUILTIN_VEHICLES)))
+    vehicle = Vehicle("none", ()) if empty else build_sedan(BUILTIN_VEHICLES[shape], shape)
+    renderer = MitsubaRenderer(
+        vehicle,
+        ground_albedo=rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3),
+        texture_size=TEXTURE_SIZE,
+        samples=SAMPLES,
+        props=_surround(rng),
+    )
+    mask = np.ones((TEXTURE_SIZE, TEXTURE_SIZE)) if empty else paint_mask(vehicle, TEXTURE_SIZE)
+    mask = torch.tensor(mask, dtype=torch.float32)[None]
+    weathers = [_weather(rng) for _ in range(WEATHERS_PER_SCENE)]
+    pictures = []
+    for k in range(PICTURES_PER_SCENE):
+        group = GROUPS[k % len(GROUPS)]
+        texture = _texture(group, rng, prompts)
+        albedo = Paint(texture, mask).apply()
+        view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
+        seed = int(rng.integers(2**31))
+        with torch.no_grad():
+            image = renderer.render(albedo, [view], weathers[k % len(weathers)], seed=seed)
+        box = None if empty else [*renderer.vehicle_boxes([view])[0].tolist(), 0]
+        pixels = (linear_to_srgb(image[0]).permute(1, 2, 0) * 255).round().byte().numpy()
+        pictures.append(_Picture(pixels, box, "empty" if empty else group))
+    return pictures
+
+
+def _surround(rng: np.random.Generator) -> tuple[Part, ...]:
+    """Three to eight props in a ring around the vehicle, two thirds of them in its texture."""
+    ring = []
+    for _ in range(rng.integers(3, 9)):
+        angle, distance = rng.uniform(0, 2 * np.pi), rng.uniform(4.2, 13)
+        material = "paint" if rng.random() < 0.67 else str(rng.choice(["trim", "metal", "plate"]))
+        place = (distance * np.cos(angle), distance * np.sin(angle))
+        ring.append(props.placed(props.draw_prop(rng), material, place, rng.uniform(0, 2 * np.pi)))
+    # At least one painted thing, so that pictures without a vehicle still show the texture.
+    ring.append(props.placed(props.draw_prop(rng), "paint", (0.0, 5.5), rng.uniform(0, np.pi)))
+    return tuple(ring)
+
+
+def _weather(rng: np.random.Generator) -> Weather:
+    fog = (
+        Fog(float(np.exp(rng.uniform(np.log(40), np.log(600)))))
+        if rng.random() < FOG_SHARE
+        else None
+    )
+    return Weather(
+        sun_altitude=float(rng.uniform(8, 75)),
+        sun_azimuth=float(rng.uniform(0, 360)),
+        turbidity=float(rng.uniform(2, 6)),
+        sun_scale=float(rng.choice([1.0, 1.0, 0.05])),
+        fog=fog,
+    )
+
+
+def _shows(renderer: MitsubaRenderer, view: View) -> bool:
+    """Whether enough of the vehicle is seen past the props to call it one."""
+    return bool((renderer.vehicle_mask([view]) > 0.5).sum() >= LEAST_PIXELS)
+
+
+def _views(rng: np.random.Generator, size: int) -> Iterator[View]:
+    """Endless random views."""
+    while True:
+        yield _view(rng, size)
+
+
+def _view(rng: np.random.Generator, size: int) -> View:
+    distance = float(rng.uniform(5.5, 14))
+    aim = rng.uniform(-0.12, 0.12, 3) * distance
+    return orbit_view(
+        float(rng.uniform(0, 360)),
+        float(rng.uniform(2, 40)),
+        distance,
+        fov=45.0,
+        width=size,
+        height=size,
+        target=(float(aim[0]), float(aim[1]), 0.7 + abs(float(aim[2])) / 2),
+    )
+
+
+def _texture(group: str, rng: np.random.Generator, prompts: Sequence[SrgbTexture]) -> SrgbTexture:
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    if group == "plain":
+        color = torch.tensor(PLAIN_PAINTS[rng.integers(len(PLAIN_PAINTS))])
+        return color[:, None, None].expand(3, TEXTURE_SIZE, TEXTURE_SIZE).clone()
+    if group == "uniform":
+        return controls.uniform(TEXTURE_SIZE, generator)
+    if group == "blocks":
+        return controls.random_blocks(TEXTURE_SIZE, generator, blocks=int(rng.integers(4, 24)))
+    texture = _prompt_texture(rng, prompts)
+    if group == "shuffled":
+        return controls.shuffled(texture, generator, blocks=int(2 ** rng.integers(2, 6)))
+    return texture
+
+
+def _prompt_texture(rng: np.random.Generator, prompts: Sequence[SrgbTexture]) -> SrgbTexture:
+    if prompts and rng.random() < 0.5:
+        return prompts[rng.integers(len(prompts))]
+    return torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()

@@ -1,0 +1,63 @@
+"""Views and weather drawn from a scene's ranges: evenly spread, and known by their index alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.stats import qmc
+
+from cnca.scene.cameras import View, orbit_view
+from cnca.scene.schema import Scene
+from cnca.scene.weather import Fog, Weather
+
+
+def draw_views(scene: Scene, count: int, *, seed: int, start: int = 0) -> list[View]:
+    """Views number ``start`` to ``start + count`` of the scene's endless, seeded sequence.
+
+    The sequence is a scrambled Sobol sequence over azimuth, elevation and distance.
+    """
+    ranges = scene.variation
+    spans = [ranges.azimuth, ranges.elevation, ranges.distance]
+    return [
+        orbit_view(
+            azimuth,
+            elevation,
+            distance,
+            fov=ranges.fov,
+            width=scene.image.width,
+            height=scene.image.height,
+        )
+        for azimuth, elevation, distance in _draw(spans, count, seed, start)
+    ]
+
+
+def draw_weathers(scene: Scene, count: int, *, seed: int) -> list[Weather]:
+    """The first ``count`` weathers of the scene's seeded sequence.
+
+    Visibility is spread evenly in extinction, since that is what dims a picture.
+    """
+    ranges, own = scene.variation, scene.weather()
+    spans = [ranges.sun_altitude, ranges.sun_azimuth]
+    if ranges.visibility is not None:
+        low, high = ranges.visibility
+        spans.append((1 / high, 1 / low))
+    weathers = []
+    for altitude, azimuth, *inverse in _draw(spans, count, seed, 0):
+        fog = own.fog
+        if inverse:
+            fog = dataclasses.replace(fog or Fog(visibility=1.0), visibility=1 / inverse[0])
+        weathers.append(
+            dataclasses.replace(own, sun_altitude=altitude, sun_azimuth=azimuth, fog=fog)
+        )
+    return weathers
+
+
+def _draw(spans: list[tuple[float, float]], count: int, seed: int, start: int) -> list[list[float]]:
+    sequence = qmc.Sobol(len(spans), scramble=True, rng=np.random.default_rng(seed))
+    if start:
+        sequence.fast_forward(start)
+    # A Sobol sequence wants powers of two at once; one at a time it is the same sequence.
+    points = np.concatenate([sequence.random(1) for _ in range(count)])
+    low, high = np.array(spans).T
+    return (low + points * (high - low)).tolist()
