@@ -20,6 +20,7 @@ from cnca.errors import MeshError, did_you_mean
 from cnca.scene.materials import MATERIALS
 from cnca.scene.mesh import Part, Vehicle
 from cnca.scene.sedan import BUILTIN_VEHICLES, build_sedan
+from cnca.scene.unwrap import unwrap_paint
 
 EXTENSIONS = (".obj", ".ply", ".gltf", ".glb")
 BUILTIN = "builtin:"
@@ -47,6 +48,7 @@ def resolve_vehicle(
     front: str = "+x",
     scale: float = 1.0,
     materials: Mapping[str, str] | None = None,
+    unwrap: bool = False,
 ) -> Vehicle:
     """Return the vehicle that a scene file names: ``builtin:NAME`` or a path relative to ``base``.
 
@@ -55,7 +57,9 @@ def resolve_vehicle(
     """
     if not spec.startswith(BUILTIN):
         path = Path(base) / spec
-        return load_vehicle(path, up=up, front=front, scale=scale, materials=materials)
+        return load_vehicle(
+            path, up=up, front=front, scale=scale, materials=materials, unwrap=unwrap
+        )
     name = spec.removeprefix(BUILTIN)
     if name not in BUILTIN_VEHICLES:
         known = ", ".join(BUILTIN + known for known in BUILTIN_VEHICLES)
@@ -72,6 +76,7 @@ def load_vehicle(
     scale: float = 1.0,
     ground: bool = True,
     materials: Mapping[str, str] | None = None,
+    unwrap: bool = False,
 ) -> Vehicle:
     """Read a vehicle and turn it to +x front, +y left, +z up, in metres.
 
@@ -84,6 +89,7 @@ def load_vehicle(
         materials: the file's material name → ours (see ``cnca.scene.materials``).  Names left out
             are guessed ("Paint_Red" is paint, "Rubber_Black" a tyre), unknown ones become trim; a
             file with one material is all paint.
+        unwrap: give the paint a new atlas instead of the file's texture coordinates.
 
     Raises:
         MeshError: the file is missing, unreadable or empty, holds NaN, has no painted part, or has
@@ -98,12 +104,15 @@ def load_vehicle(
     parts = []
     for node in scene.graph.nodes_geometry:
         matrix, key = scene.graph[node]
-        parts.append(_part(path, node, kinds[names[key]], scene.geometry[key], to_ours @ matrix))
+        mesh, material = scene.geometry[key], kinds[names[key]]
+        textured = material == "paint" and not unwrap
+        parts.append(_part(path, node, material, mesh, to_ours @ matrix, textured=textured))
     if ground:
         lowest = min(part.vertices[:, 2].min() for part in parts)
         for part in parts:
             part.vertices[:, 2] -= lowest
-    return Vehicle(path.stem, tuple(parts))
+    vehicle = Vehicle(path.stem, tuple(parts))
+    return unwrap_paint(vehicle) if unwrap else vehicle
 
 
 def _read(path: Path) -> trimesh.Scene:
@@ -186,6 +195,8 @@ def _part(
     material: str,
     mesh: trimesh.Trimesh,
     to_ours: Float[np.ndarray, "4 4"],
+    *,
+    textured: bool,
 ) -> Part:
     """One piece of the file in our axes, without unused vertices and triangles of no area."""
     if not np.isfinite(mesh.vertices).all():
@@ -207,7 +218,7 @@ def _part(
         vertices=trimesh.transform_points(mesh.vertices[used], to_ours),
         faces=np.ascontiguousarray(faces),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        uvs=_uvs(path, name, mesh, used) if material == "paint" else None,
+        uvs=_uvs(path, name, mesh, used) if textured else None,
     )
 
 
@@ -239,12 +250,12 @@ def _uvs(
     uvs = getattr(mesh.visual, "uv", None)
     if uvs is None or len(uvs) != len(mesh.vertices):
         raise MeshError(
-            f"{path}: painted part '{name}' has no texture coordinates; unwrap it and export again"
+            f"{path}: painted part '{name}' has no texture coordinates; export them or set unwrap"
         )
     uvs = np.asarray(uvs[used], float)
     if not np.isfinite(uvs).all() or uvs.min() < -UV_TOLERANCE or uvs.max() > 1 + UV_TOLERANCE:
         raise MeshError(
             f"{path}: painted part '{name}': texture coordinates span "
-            f"[{uvs.min():.3g}, {uvs.max():.3g}]; pack its UV islands into [0, 1]"
+            f"[{uvs.min():.3g}, {uvs.max():.3g}]; pack them into [0, 1] or set unwrap"
         )
     return uvs.clip(0, 1)

@@ -260,6 +260,15 @@ def test_the_etron_drives_forward_on_the_ground():
 
 
 @pytest.mark.skipif(not ASAM.exists(), reason="the second vehicle lies beside the checkout only")
-def test_the_second_vehicles_overlapping_uvs_are_refused():
-    with pytest.raises(MeshError, match="painted part 'Body': texture coordinates span"):
+def test_the_second_vehicle_needs_and_gets_a_new_atlas():
+    with pytest.raises(MeshError, match="'Body': texture coordinates span.*or set unwrap"):
         load_vehicle(ASAM)
+    vehicle = load_vehicle(ASAM, unwrap=True)
+    materials = {part.material for part in vehicle.parts}
+    assert materials >= {"paint", "glass", "tyre", "metal", "light", "tail_light", "plate", "trim"}
+    vertices = np.concatenate([part.vertices for part in vehicle.parts])
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), (3.85, 1.62, 1.30), atol=0.01)
+    assert vertices[:, 2].min() == pytest.approx(0, abs=1e-6)
+    # The front is at +x, or else the door named left would lie on the right.
+    left = next(part for part in vehicle.parts if part.name == "Door_FL")
+    assert left.vertices[:, 1].mean() > 0.5
