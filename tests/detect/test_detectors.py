@@ -6,7 +6,7 @@ import sys
 import pytest
 import torch
 
-from cnca.detect import load_detector
+from cnca.detect import BUILTIN_CONFIG, load_detector
 from cnca.detect.base import suppress
 from cnca.detect.coco import CLASS_NAMES
 from cnca.detect.preprocess import letterbox, stretch
@@ -72,6 +72,18 @@ class TestTiny(DetectorContract):
     @pytest.fixture
     def detector(self, tiny):
         return load_detector(str(tiny))
+
+
+class TestBuiltin(DetectorContract):
+    @pytest.fixture
+    def detector(self):
+        if not BUILTIN_CONFIG.with_suffix(".safetensors").is_file():
+            pytest.skip("the built-in detector has not been trained yet")
+        return load_detector("builtin")
+
+    def test_is_small_and_knows_cars_alone(self, detector):
+        assert detector.class_names == ("car",)
+        assert BUILTIN_CONFIG.with_suffix(".safetensors").stat().st_size < 6e6
 
 
 class TestYoloFastest(DetectorContract):

@@ -39,12 +39,12 @@ num=2
 LAYER = (
     "[convolutional]\nbatch_normalize=1\nfilters={}\nsize=3\npad=1\nstride={}\nactivation=leaky\n"
 )
-SETTINGS = Settings(epochs=10, batch=16)
+SETTINGS = Settings(epochs=8, batch=16)
 
 
 @pytest.fixture(scope="module")
 def shapes(tmp_path_factory):
-    return write_shapes(tmp_path_factory.mktemp("data") / "shapes", 480)
+    return write_shapes(tmp_path_factory.mktemp("data") / "shapes", 400)
 
 
 @pytest.fixture(scope="module")
