@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt
 
 from cnca.errors import TextureError, did_you_mean
 from cnca.files import replacing
@@ -24,16 +25,16 @@ READABLE = (".png", ".jpg", ".jpeg", ".exr")
 def read_texture_srgb(path: str | Path) -> SrgbArray:
     """Read a PNG, JPEG (taken as sRGB) or EXR (linear by its standard, encoded to sRGB here).
 
-    Raises TextureError if the file is missing, unreadable, grey, transparent, or holds NaN or
-    values outside [0, 1].
+    Alpha marks the UV islands: texels outside them (alpha 0) take the nearest colour inside, so
+    that no dark seams appear when the texture is filtered.
+    Raises TextureError if the file is missing, unreadable, grey, wholly transparent, or holds NaN
+    or values outside [0, 1].
     """
     path = Path(path)
     values = _read(path)
     channels = values.shape[2]
     if channels == 4:
-        if values[..., 3].min() < 1:
-            raise TextureError(f"{path}: has transparent texels; flatten it onto a background")
-        values = values[..., :3]
+        values = _grow_islands(path, values)
     elif channels != 3:
         raise TextureError(f"{path}: has {channels} channel(s); save it with red, green, blue")
     if path.suffix.lower() == ".exr":
@@ -129,6 +130,18 @@ def _read_exr(path: Path) -> Float[np.ndarray, "height width channels"]:
         ) from None
     present = [name for name in "RGBA" if name in channels] or sorted(channels)[:1]
     return np.stack([np.asarray(channels[name], np.float32) for name in present], axis=-1)
+
+
+def _grow_islands(
+    path: Path, values: Float[np.ndarray, "height width 4"]
+) -> Float[np.ndarray, "height width 3"]:
+    outside = values[..., 3] == 0
+    if outside.all():
+        raise TextureError(f"{path}: every texel is transparent; save it without alpha")
+    if not outside.any():
+        return values[..., :3]
+    rows, columns = distance_transform_edt(outside, return_distances=False, return_indices=True)
+    return values[rows, columns, :3]
 
 
 def _check_range(path: Path, values: Float[np.ndarray, "*shape"]) -> None:

@@ -69,12 +69,22 @@ def test_masks_may_be_grey_or_coloured(tmp_path):
         np.testing.assert_array_equal(images.read_mask(tmp_path / name), expected)
 
 
+def test_texels_outside_the_islands_take_the_nearest_colour(tmp_path):
+    picture = np.zeros((1, 6, 4), np.uint8)
+    picture[0, 0] = (0, 0, 255, 255)  # OpenCV's order: blue, green, red, alpha
+    picture[0, 5] = (255, 0, 0, 128)
+    cv2.imwrite(str(tmp_path / "islands.png"), picture)
+    read = images.read_texture_srgb(tmp_path / "islands.png")
+    np.testing.assert_array_equal(read[0, :3], [(1, 0, 0)] * 3)
+    np.testing.assert_array_equal(read[0, 3:], [(0, 0, 1)] * 3)
+
+
 def _write_grey(path):
     cv2.imwrite(str(path), np.zeros((2, 2), np.uint8))
 
 
 def _write_transparent(path):
-    cv2.imwrite(str(path), np.full((2, 2, 4), 128, np.uint8))
+    cv2.imwrite(str(path), np.zeros((2, 2, 4), np.uint8))
 
 
 def _write_rubbish(path):
@@ -85,7 +95,7 @@ def _write_rubbish(path):
     ("name", "write", "message"),
     [
         ("grey.png", _write_grey, r"has 1 channel\(s\)"),
-        ("clear.png", _write_transparent, "transparent"),
+        ("clear.png", _write_transparent, "every texel is transparent"),
         ("rubbish.png", _write_rubbish, "cannot be decoded"),
         ("rubbish.exr", _write_rubbish, "cannot be read as EXR"),
         ("missing.png", lambda path: None, "no such file"),
