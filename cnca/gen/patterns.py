@@ -241,8 +241,8 @@ def _curve(rng: np.random.Generator, reach: float) -> Int[np.ndarray, "points 2"
     """A smooth random stroke: a quadratic B-spline through a random walk, in pixels."""
     walk = rng.uniform(0, SIZE, 2) + np.cumsum(rng.normal(0, reach, (4, 2)), axis=0)
     for _ in range(3):  # Chaikin's corner cutting (1974) tends to the B-spline
-        walk = np.stack([0.75 * walk[:-1] + 0.25 * walk[1:], 0.25 * walk[:-1] + 0.75 * walk[1:]], 1)
-        walk = walk.reshape(-1, 2)
+        pairs = 0.75 * walk[:-1] + 0.25 * walk[1:], 0.25 * walk[:-1] + 0.75 * walk[1:]
+        walk = np.concatenate(pairs, axis=1).reshape(-1, 2)
     return walk.astype(np.int32)
 
 

@@ -31,9 +31,9 @@ def train_generator(
     seed: int = 0,
     resume: bool = True,
     pictures: int = 4000,
-    autoencoder_steps: int = 2400,
-    denoiser_steps: int = 4000,
-    batch: int = 16,
+    autoencoder_steps: int = 1600,
+    denoiser_steps: int = 5000,
+    batch: int = 8,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
 
@@ -49,7 +49,7 @@ def train_generator(
 
 
 def train_autoencoder(
-    loop: TrainingLoop, data: Corpus, *, steps: int, crop: int = 128, batch: int = 3
+    loop: TrainingLoop, data: Corpus, *, steps: int, crop: int = 64, batch: int = 4
 ) -> AutoencoderKL:
     """Train on random crops: absolute error of colours and of edges, and a light KL term."""
     vae = architecture.autoencoder().to(memory_format=torch.channels_last)
@@ -61,9 +61,9 @@ def train_autoencoder(
             decoded = vae.decode(posterior.sample(generator)).sample.float()
         colour = F.l1_loss(decoded, images)
         edges = sum(F.l1_loss(decoded.diff(dim=d), images.diff(dim=d)) for d in (-2, -1))
-        return colour + edges + 1e-3 * posterior.kl().mean() / posterior.mean[0].numel()
+        return colour + edges + 1e-5 * posterior.kl().mean() / posterior.mean[0].numel()
 
-    return loop.run("autoencoder", vae, loss, steps=steps, learning_rate=2e-3, average=0.995).eval()
+    return loop.run("autoencoder", vae, loss, steps=steps, learning_rate=1e-3, average=0.99).eval()
 
 
 def random_crops(

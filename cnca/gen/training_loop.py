@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar, cast
 
 import torch
 from rich.console import Console
@@ -14,6 +15,8 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from cnca.errors import NonFiniteError, RunError
+
+Trained = TypeVar("Trained", bound=nn.Module)
 
 
 @dataclass(frozen=True)
@@ -34,13 +37,13 @@ class TrainingLoop:
     def run(
         self,
         stage: str,
-        model: nn.Module,
+        model: Trained,
         loss: Callable[[torch.Generator], Tensor],
         *,
         steps: int,
         learning_rate: float,
         average: float,
-    ) -> nn.Module:
+    ) -> Trained:
         """Train ``model`` in place for ``steps`` and return the averaged copy.
 
         ``loss`` maps the step's generator to a scalar; ``average`` is the decay per step.
@@ -72,7 +75,7 @@ class TrainingLoop:
                     progress.console.print(
                         f"{stage} step {step + 1}/{steps} loss {recent:.4f}, {remaining:.0f} s left"
                     )
-        return averaged.module
+        return cast(Trained, averaged.module)
 
     def _schedule(self, step: int, steps: int) -> float:
         cosine = 0.5 + 0.5 * math.cos(math.pi * step / steps)
