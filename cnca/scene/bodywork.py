@@ -27,7 +27,7 @@ END_HEIGHT = 0.99
 """Part of the height's superellipse that is used: 1 would bring nose and tail to a point."""
 END_LIFT = 0.05
 """How much higher the floor is under nose and tail than between the wheels, metres."""
-STATIONS = 96
+STATIONS = 80
 ROOF_CROWN = 0.05
 """How much higher the roof is in the middle than at its corner, metres."""
 
@@ -128,8 +128,8 @@ class Body:
         x = self._stations()
         half = rounded(
             self._sections(x),
-            np.array([0.04, 0.05, 0.30, 0.10, 0.12]),
-            [2, 1, 5, 6, 7, 6],
+            np.array([0.04, 0.05, 0.30, 0.10, 0.12, 0.30]),
+            [1, 1, 4, 5, 6, 3, 2],
         )
         shrink = np.stack(
             [self.plan(x), _lame(END_HEIGHT * x / self.nose, HEIGHT_EXPONENT)], axis=-1
@@ -153,7 +153,7 @@ class Body:
         stations[[0, -1]] = self.nose, -self.nose
         return stations
 
-    def _sections(self, x: Numbers) -> Float[np.ndarray, "stations 7 2"]:
+    def _sections(self, x: Numbers) -> Float[np.ndarray, "stations 8 2"]:
         """Corners (y, z) of the half-sections from the floor's middle to the roof's."""
         s = self.shape
         w, one = s.width / 2, np.ones_like(x)
@@ -168,6 +168,7 @@ class Body:
             (w * one, self.waist * one + 0.10),
             (0.965 * w * one, belt),
             (corner_y, corner_z),
+            (0.35 * corner_y, top),
             (0.0 * one, top),
         ]
         return np.stack([np.stack(line, axis=-1) for line in lines], axis=1)

@@ -31,7 +31,7 @@ class Material:
 
 MATERIALS: dict[str, Material] = {
     "paint": Material((0.60, 0.60, 0.60), 0.35, clearcoat=1.0, clearcoat_gloss=0.95),
-    "glass": Material((0.012, 0.014, 0.015), 0.04, specular=0.6),
+    "glass": Material((0.006, 0.007, 0.007), 0.04, specular=0.6),
     "tyre": Material((0.020, 0.020, 0.021), 0.85, specular=0.3),
     "metal": Material((0.62, 0.63, 0.65), 0.28, metallic=1.0),
     "light": Material((0.50, 0.52, 0.55), 0.18, clearcoat=1.0, clearcoat_gloss=1.0, metallic=0.8),

@@ -73,7 +73,7 @@ def rear_window(body: Body) -> Region:
             "glass", lambda skin: _between(body, skin, body.deck + 0.05, body.roof_rear - 0.05)
         )
     low, high = s.belt_height + s.belt_rise + 0.05, body.tail_top - 0.015
-    half = float(body.corner(np.array(-0.8 * body.nose))) - 0.07
+    half = float(body.corner(np.array(-0.8 * body.nose))) - 0.11
 
     def distance(skin: Surface) -> Distance:
         frame = _box(skin.y, skin.z, (0.0, (low + high) / 2), (half, (high - low) / 2), 0.07)
@@ -126,7 +126,7 @@ def lights(body: Body) -> list[Region]:
 
     def tail(skin: Surface) -> Distance:
         z = skin.z - _lid_height(body) + 0.17
-        lamp = _box(np.abs(skin.y), z, (0.82 * half, 0.0), (0.30 * half, 0.09), 0.04)
+        lamp = _box(np.abs(skin.y), z, (0.82 * half, 0.0), (0.34 * half, 0.075), 0.04)
         return np.maximum(lamp, skin.x + body.nose - 0.38)
 
     return [Region("light", head), Region("tail_light", tail)]
@@ -158,6 +158,14 @@ def grille_and_plates(body: Body) -> list[Region]:
         between = np.minimum(skin.x - body.axles[1], body.axles[0] - skin.x)
         return np.maximum(skin.z - s.clearance - 0.13, between)
 
+    def diffuser(skin: Surface) -> Distance:
+        box = _box(skin.y, skin.z, (0.0, s.clearance + 0.10), (0.66 * half, 0.15), 0.06)
+        return np.maximum(box, skin.x + body.nose - 0.5)
+
+    def reflectors(skin: Surface) -> Distance:
+        centre = (0.80 * half, s.clearance + 0.21)
+        return np.maximum(_box(np.abs(skin.y), skin.z, centre, (0.10, 0.022), 0.02), skin.x)
+
     return [
         Region("plate", front_plate),
         Region("plate", rear_plate),
@@ -165,6 +173,8 @@ def grille_and_plates(body: Body) -> list[Region]:
         Region("trim", grille, recess=0.03),
         Region("trim", grille).grown(0.016, "metal"),
         Region("trim", intakes, recess=0.05),
+        Region("tail_light", reflectors),
+        Region("trim", diffuser, recess=0.03),
         Region("trim", apron),
     ]
 
@@ -196,7 +206,7 @@ def lids(body: Body) -> list[Callable[[Surface], Distance]]:
 
     def bonnet(skin: Surface) -> Distance:
         ends = np.maximum(skin.x - body.nose + 0.20, body.cowl + 0.02 - skin.x)
-        sides = np.maximum(np.abs(skin.y) - 0.41 * s.width, body.belt(skin.x) - 0.03 - skin.z)
+        sides = np.maximum(np.abs(skin.y) - 0.40 * s.width, body.waist - skin.z)
         return _soft_maximum(ends, sides, 0.06)
 
     def lid(skin: Surface) -> Distance:

@@ -51,7 +51,7 @@ def test_parts_are_sound(built):
         assert part.faces.max() < len(part.vertices)
         assert np.linalg.norm(part.normals, axis=1) == pytest.approx(1.0, abs=1e-6)
         assert (part.uvs is not None) == (part.material == "paint")
-    assert 5_000 < sum(len(part.faces) for part in vehicle.parts) < 45_000
+    assert 5_000 < sum(len(part.faces) for part in vehicle.parts) < 40_000
 
 
 def test_shading_normals_agree_with_the_winding(built):
