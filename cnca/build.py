@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from cnca.color import srgb_to_linear
+from cnca.detect import BUILTIN, BUILTIN_CONFIG, load_detector
 from cnca.errors import CncaError, SceneError, did_you_mean
 from cnca.paint import Paint
 from cnca.protocols import Detector, Renderer, TextureGenerator
@@ -46,7 +47,7 @@ def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
         base = read_texture_srgb(scene.base / section.base_texture)
         base = cv2.resize(base, (size, size), interpolation=cv2.INTER_AREA)
     else:
-        base = np.broadcast_to(np.float32(section.paint), (size, size, 3)).copy()
+        base = np.full((size, size, 3), section.paint, np.float32)
     return Paint(
         torch.from_numpy(base).permute(2, 0, 1).contiguous().clamp(0, 1),
         torch.from_numpy(mask)[None].clamp(0, 1),
@@ -77,16 +78,32 @@ def build_renderer(
 
 def build_views(scene: Scene) -> list[View]:
     """The cameras that the scene names."""
-    size = {"width": scene.image.width, "height": scene.image.height}
+    width, height = scene.image.width, scene.image.height
     views = []
     for camera in scene.cameras:
         if isinstance(camera, CarlaCamera):
             frame = read_carla_frame(scene.base / camera.carla)
-            name = camera.name or Path(camera.carla).stem
-            pose = {"lift": camera.lift, "fov": camera.fov, "name": name}
-            views.append(carla_view(frame.vehicle, frame.camera, **pose, **size))
+            view = carla_view(
+                frame.vehicle,
+                frame.camera,
+                lift=camera.lift,
+                width=width,
+                height=height,
+                fov=camera.fov,
+                name=camera.name or Path(camera.carla).stem,
+            )
         else:
-            views.append(orbit_view(**camera.model_dump(), **size))
+            view = orbit_view(
+                camera.azimuth,
+                camera.elevation,
+                camera.distance,
+                fov=camera.fov,
+                width=width,
+                height=height,
+                target=camera.target,
+                name=camera.name,
+            )
+        views.append(view)
     return views
 
 
@@ -105,17 +122,15 @@ def choose_views(scene: Scene, name: str | None, *, every: bool = False) -> list
     return chosen
 
 
-def build_generator(path: str | Path | None, **options: object) -> TextureGenerator:
+def build_generator(path: Path | None, *, tokens: int, guidance: float) -> TextureGenerator:
     """The diffusion pipeline in a folder in diffusers format; None is the shipped one."""
     from cnca.gen.sampling import DiffusionTextureGenerator
 
-    return DiffusionTextureGenerator.load(Path(path or SHIPPED_GENERATOR), **options)
+    return DiffusionTextureGenerator.load(path, tokens=tokens, guidance=guidance)
 
 
 def build_detector(spec: str) -> Detector:
     """The detector called ``spec``: ``builtin``, a Darknet ``.cfg`` or an ``.onnx`` file."""
-    from cnca.detect import load_detector
-
     return load_detector(spec)
 
 
@@ -129,3 +144,17 @@ def vehicle_label(class_names: Sequence[str], wanted: str = "car") -> int:
     if wanted not in class_names:
         raise CncaError(f"the detector knows no class '{wanted}': it has {', '.join(class_names)}")
     return list(class_names).index(wanted)
+
+
+def input_files(
+    scene: Scene, scene_file: Path, detector: str, generator: Path | None
+) -> list[Path]:
+    """Every file that a run reads, for its manifest."""
+    section = scene.vehicle
+    named = [section.paint_mask, section.base_texture]
+    named += [] if section.mesh.startswith("builtin:") else [section.mesh]
+    files = [scene_file, *(scene.base / name for name in named if name)]
+    files.append(Path(generator or SHIPPED_GENERATOR))
+    config = BUILTIN_CONFIG if detector == BUILTIN else Path(detector)
+    files += sorted(config.parent.glob(f"{config.stem}.*"))
+    return files

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -48,6 +49,117 @@ def doctor(
     report = diagnose()
     typer.echo(report.as_json() if json else "\n".join(report.lines()))
     raise typer.Exit(0 if report.healthy else 1)
+
+
+@app.command("render-scene")
+def render_scene(
+    scene: Annotated[Path, typer.Argument(help="Scene file, such as scenes/sedan_fog.yaml.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Picture to write: .png or .exr.")],
+    view: Annotated[str | None, typer.Option(help="Camera by name; by default the first.")] = None,
+    all_views: Annotated[bool, typer.Option("--all-views", help="Every camera.")] = False,
+    spp: Annotated[int | None, typer.Option(help="Rays per pixel instead of the scene's.")] = None,
+    texture: Annotated[Path | None, typer.Option(help="sRGB picture for the paint.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    explain: Annotated[bool, typer.Option("--explain", help="Say what is simulated how.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the records as JSON.")] = False,
+) -> None:
+    """Render a scene file: the picture, and a JSON record beside it."""
+    from cnca import terminal
+    from cnca.render_scene import render_scene
+
+    records = render_scene(
+        scene, out, view=view, all_views=all_views, samples=spp, texture=texture, seed=seed
+    )
+    terminal.show_renders(out.parent, records, explain=explain, as_json=json)
+
+
+@app.command()
+def optimize(
+    scene: Annotated[Path, typer.Option(help="Scene file.")],
+    prompt: Annotated[str, typer.Option(help="What the paint is to look like.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run.")],
+    detector: Annotated[str, typer.Option(help="builtin, or a Darknet .cfg.")] = "builtin",
+    backend: Annotated[str, typer.Option(help="Renderer.")] = "mitsuba",
+    tau: Annotated[float, typer.Option(help="Bound on each element of F_adv; inf for none.")] = 1.0,
+    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100,
+    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 4,
+    learning_rate: Annotated[float, typer.Option(help="Adam's step size.")] = 0.01,
+    generator: Annotated[
+        Path | None, typer.Option(help="Folder in diffusers format; by default the shipped one.")
+    ] = None,
+    tokens: Annotated[int, typer.Option(help="Tokens of F_adv.")] = 8,
+    guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 4.0,
+    spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 8,
+    held_out_views: Annotated[int, typer.Option(help="Views that judge the result.")] = 24,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted run.")
+    ] = False,
+) -> None:
+    """Search the camouflage that a detector misses, and judge it on held-out views."""
+    from cnca import terminal
+    from cnca.optimize import Settings
+    from cnca.run import Request
+
+    settings = Settings(
+        prompt, tau, steps, views_per_step=views_per_step, learning_rate=learning_rate, seed=seed
+    )
+    terminal.attack(
+        Request(
+            scene,
+            detector,
+            out,
+            settings,
+            backend=backend,
+            generator=generator,
+            samples=spp,
+            tokens=tokens,
+            guidance=guidance,
+            held_out_views=held_out_views,
+            resume=resume,
+        )
+    )
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the run.")] = Path("out/demo"),
+    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 40,
+) -> None:
+    """The main job on what ships with the package: a few minutes on two cores."""
+    from cnca import terminal
+
+    terminal.demo(out, steps)
+
+
+@app.command("train-generator")
+def train_generator(
+    out: Annotated[Path, typer.Option(help="Folder for the pipeline.")],
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted run.")
+    ] = False,
+) -> None:
+    """Train the shipped diffusion pipeline on procedural textures."""
+    from cnca.gen.train import train_generator
+
+    train_generator(out, seed=seed, resume=resume)
+
+
+@app.command("train-detector")
+def train_detector(
+    out: Annotated[Path, typer.Option(help="Folder for pictures and weights.")],
+    pictures: Annotated[int, typer.Option(help="Pictures to render and learn from.")] = 1800,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 20,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted run.")
+    ] = False,
+) -> None:
+    """Render pictures of the built-in vehicles and train the built-in detector on them."""
+    from cnca.detector_data import train_builtin
+
+    typer.echo(train_builtin(out, pictures=pictures, epochs=epochs, seed=seed, resume=resume))
 
 
 def main() -> None:

@@ -25,7 +25,6 @@ from cnca.scene import props
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.mesh import Part, Vehicle
 from cnca.scene.sedan import BUILTIN_VEHICLES, build_sedan
-from cnca.scene.uv import paint_mask
 from cnca.scene.weather import Fog, Weather
 from cnca.types import SrgbTexture
 
@@ -108,19 +107,18 @@ def _render_scene(
     vehicle = Vehicle("none", ()) if empty else build_sedan(BUILTIN_VEHICLES[shape], shape)
     renderer = MitsubaRenderer(
         vehicle,
-        ground_albedo=rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3),
+        ground_albedo=(rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3)).tolist(),
         texture_size=TEXTURE_SIZE,
         samples=SAMPLES,
         props=_surround(rng),
     )
-    mask = np.ones((TEXTURE_SIZE, TEXTURE_SIZE)) if empty else paint_mask(vehicle, TEXTURE_SIZE)
-    mask = torch.tensor(mask, dtype=torch.float32)[None]
+    everywhere = torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE)
     weathers = [_weather(rng) for _ in range(WEATHERS_PER_SCENE)]
     pictures = []
     for k in range(PICTURES_PER_SCENE):
         group = GROUPS[k % len(GROUPS)]
         texture = _texture(group, rng, prompts)
-        albedo = Paint(texture, mask).apply()
+        albedo = Paint(texture, everywhere).apply()
         view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
         seed = int(rng.integers(2**31))
         with torch.no_grad():
@@ -201,5 +199,22 @@ def _texture(group: str, rng: np.random.Generator, prompts: Sequence[SrgbTexture
 
 def _prompt_texture(rng: np.random.Generator, prompts: Sequence[SrgbTexture]) -> SrgbTexture:
     if prompts and rng.random() < 0.5:
-        return prompts[rng.integers(len(prompts))]
+        return prompts[int(rng.integers(len(prompts)))]
     return torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
+
+
+def train_builtin(
+    out: Path, *, pictures: int, epochs: int, seed: int, resume: bool
+) -> dict[str, object]:
+    """Render the pictures into ``out/pictures``, train into ``out/weights``, return the report."""
+    from cnca.detect import BUILTIN_CONFIG
+    from cnca.detect.train import Settings, train_detector
+
+    render_detector_data(out / "pictures", pictures=pictures, seed=seed)
+    return train_detector(
+        out / "pictures",
+        out / "weights",
+        Settings(epochs=epochs, seed=seed),
+        template=BUILTIN_CONFIG,
+        resume=resume,
+    )

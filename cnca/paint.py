@@ -23,7 +23,7 @@ class Paint:
     """1 where there is paint, 0 elsewhere (glass, wheels, lights)."""
 
     def apply(self, texture: SrgbTexture | None = None) -> LinearTexture:
-        """The linear albedo that the renderer sees: ``texture`` where there is paint, else the base.
+        """The linear albedo to render: ``texture`` where there is paint, else the base.
 
         ``texture`` is (3, height, width) in [0, 1], of any size, and is resized by bilinear
         interpolation (area-averaged when it shrinks); differentiable.  None leaves the plain paint.

@@ -57,7 +57,13 @@ class Detections:
 
     def of(self, label: int) -> Detections:
         """The detections of one class only."""
-        keep = self.labels == label
+        return self._where(self.labels == label)
+
+    def above(self, score: float) -> Detections:
+        """The detections with at least this confidence."""
+        return self._where(self.scores >= score)
+
+    def _where(self, keep: Tensor) -> Detections:
         return Detections(self.boxes[keep], self.scores[keep], self.labels[keep])
 
 

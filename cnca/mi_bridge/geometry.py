@@ -15,7 +15,7 @@ GROUND_RADIUS = 2000.0
 ALBEDO_FLOOR = 1e-3
 """Darkest albedo a path sees: at 0 no path would carry the gradient."""
 
-SPECULAR_SAMPLING_RATE = 0.15
+SPECULAR_SAMPLING_RATE = 0.35
 """Share of samples for a gloss lobe, relative to the diffuse lobe."""
 
 

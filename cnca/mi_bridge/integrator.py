@@ -89,7 +89,7 @@ class FogLayer:
         The light is ∫ σ_t T(s) J(s) ds, estimated at one distance drawn in proportion to σ_t T(s).
         """
         start, end = self._interval(ray, distance)
-        length = dr.maximum(end - start, 0)
+        length = dr.select(end > start, end - start, 0)  # ∞ − ∞ for rays that never enter
         opacity = 1 - dr.exp(-self.sigma_t * length)
         # Invert the cumulative share of opacity; log1p stays exact for thin fog.
         s = -dr.log(1 - sample * opacity) / self.sigma_t
@@ -107,7 +107,7 @@ class FogLayer:
         return dr.minimum(start, distance), end
 
     def _source_function(self, z: mi.Float, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
-        """J at height ``z`` for an eye that looks along ``d``: table, plus the sun's first scattering."""
+        """J at height ``z`` for an eye that looks along ``d``: table, and the sun's first scattering."""
         uv = _direction_uv(d, self._columns)
         level = dr.safe_acos(1 - 2 * z / self.height) * dr.inv_pi
         w = (level * (self._levels - 1) + 0.5) / self._levels
@@ -151,7 +151,6 @@ def trace(
     """
     primal = mode == dr.ADMode.Primal
     sky, fog = surroundings.sky, surroundings.fog
-    has_fog, has_sun = fog is not None, sky.has_sun
     context = mi.BSDFContext()
 
     ray = mi.Ray3f(dr.detach(ray))  # current segment
@@ -168,8 +167,8 @@ def trace(
 
         # ---------------- light of the segment: fog and sky ----------------
         Le = mi.Color3f(0)
-        if dr.hint(has_fog, mode="scalar"):
-            T, airlight = fog.segment(ray, si.t, sampler.next_1d(active), active)
+        if dr.hint(fog is not None, mode="scalar"):
+            T, airlight = fog.segment(ray, si.t, sampler.next_1d(active), active)  # type: ignore[union-attr]
             Le += β * airlight
             β *= T
         Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
@@ -178,12 +177,12 @@ def trace(
         active_next = hit & (depth < bounces)
         bsdf = si.bsdf(ray)
         Lr_sun = mi.Color3f(0)
-        if dr.hint(has_sun, mode="scalar"):
+        if dr.hint(sky.has_sun, mode="scalar"):
             shadow_ray = si.spawn_ray(sky.sun_direction)
             sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
             E_sun = mi.Color3f(sky.sun_irradiance)
-            if dr.hint(has_fog, mode="scalar"):
-                E_sun *= fog.sun_transmittance(si.p.z)
+            if dr.hint(fog is not None, mode="scalar"):
+                E_sun *= fog.sun_transmittance(si.p.z)  # type: ignore[union-attr]
             with dr.resume_grad(when=not primal):
                 f_sun = bsdf.eval(context, si, si.to_local(sky.sun_direction), sunlit)
                 Lr_sun = dr.select(sunlit, β * f_sun * E_sun, 0)

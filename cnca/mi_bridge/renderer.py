@@ -25,6 +25,7 @@ from cnca.mi_bridge.layers import (
 from cnca.mi_bridge.light import lambertian_white, make_light
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
+from cnca.scene.effects import explain
 from cnca.scene.mesh import Part, Vehicle
 from cnca.scene.weather import Weather
 from cnca.types import Boxes, LinearImages, LinearTexture
@@ -113,6 +114,11 @@ class MitsubaRenderer:
         for view in views:
             refuse_inside(self.geometry, view)
         return mask_boxes(self.vehicle_mask(views), views)
+
+    def plan(self, weather: Weather) -> list[dict[str, str]]:
+        """Which model stands for each effect in this weather, and why."""
+        surroundings = self._atmosphere(weather).surroundings
+        return explain(weather, has_sun=surroundings.sky.has_sun, bounces=self.bounces)
 
     def _make_atmosphere(self, weather: Weather) -> _Atmosphere:
         light = make_light(weather, self.ground_albedo)

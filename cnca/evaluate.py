@@ -1,0 +1,80 @@
+"""How well a detector finds the vehicle in each of several textures, over the same views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+
+from cnca.color import linear_to_srgb
+from cnca.protocols import Detector, Renderer
+from cnca.scene.cameras import View
+from cnca.scene.weather import Weather
+from cnca.scores import average_precision, detection_score
+from cnca.types import Boxes, Detections, LinearTexture, SrgbImages
+
+LEAST_SCORE = 0.01
+"""Detections below this confidence count as none; low, since scores are averaged, not counted."""
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Pictures to take: the views of one weather belong together."""
+
+    views: Sequence[Sequence[View]]
+    weathers: Sequence[Weather]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a detector saw of one texture."""
+
+    images: SrgbImages
+    boxes: Boxes
+    detections: list[Detections]
+    scores: list[float]
+    """Detection score of each view, in [0, 1] (see :func:`cnca.scores.detection_score`)."""
+    average_precision: float
+    """AP@0.5 of the vehicle."""
+
+    @property
+    def mean_score(self) -> float:
+        """Mean detection score over all views."""
+        return sum(self.scores) / len(self.scores)
+
+
+@torch.no_grad()
+def evaluate(
+    renderer: Renderer,
+    detector: Detector,
+    label: int,
+    albedos: Mapping[str, LinearTexture],
+    shots: Shots,
+    advance: Callable[[], None] = lambda: None,
+) -> dict[str, Result]:
+    """Look at every texture in every shot; the same seed gives all textures the same noise.
+
+    Args:
+        label: index of the vehicle's class among the detector's.
+        albedos: name → linear texture.
+        advance: called after each rendered weather, for a progress bar.
+    """
+    boxes = torch.cat([renderer.vehicle_boxes(views) for views in shots.views])
+    results = {}
+    for name, albedo in albedos.items():
+        images = []
+        for i, (views, weather) in enumerate(zip(shots.views, shots.weathers, strict=True)):
+            rendered = renderer.render(albedo, views, weather, seed=shots.seed + i)
+            images.append(linear_to_srgb(rendered))
+            advance()
+        results[name] = _look(detector, torch.cat(images), boxes, label)
+    return results
+
+
+def _look(detector: Detector, images: SrgbImages, boxes: Boxes, label: int) -> Result:
+    found = [detector.detect(image[None], score_threshold=LEAST_SCORE)[0] for image in images]
+    scores = [detection_score(d, box, label) for d, box in zip(found, boxes, strict=True)]
+    truths = [box[None] for box in boxes]
+    return Result(images, boxes, found, scores, average_precision(found, truths, label))

@@ -1,0 +1,159 @@
+"""The attack: prompt → diffusion → texture → path tracer → detector → loss → F_adv.
+
+=====================  =========================================================
+in the code            in the paper
+=====================  =========================================================
+``text_feature``       F_txt (equation 7)
+``feature``            F_adv; its bound τ is ``Settings.tau``
+``texture``            T_adv = T2I([κ(F_adv), F_txt]) (equation 8)
+``detection_loss``     D_s and L_adv (equation 11)
+``optimizer.step``     the update of F_adv (equation 12; Adam, section 4.1)
+``project``            κ (equation 13)
+=====================  =========================================================
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from cnca.color import linear_to_srgb
+from cnca.errors import DetectorError, NonFiniteError
+from cnca.gen.feature import initial, project
+from cnca.loss import detection_loss
+from cnca.paint import Paint
+from cnca.protocols import Detector, Renderer, Residual, TextureGenerator
+from cnca.scene.schema import Scene
+from cnca.scene.variation import draw_views, draw_weathers
+from cnca.types import SrgbTexture
+
+WEATHERS = 16
+"""Weathers that the steps take in turn, as many as the paper's data sets have."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the attack is to do."""
+
+    prompt: str
+    tau: float = 1.0
+    """Bound on each element of F_adv, ≥ 0; ``inf`` for none."""
+    steps: int = 100
+    views_per_step: int = 4
+    learning_rate: float = 0.01
+    """Adam's step size; the paper's value."""
+    seed: int = 0
+    start_spread: float = 0.1
+    """Standard deviation of F_adv at the start: equal tokens would stay equal for ever."""
+
+
+@dataclass(frozen=True)
+class Attack:
+    """The parts that work together, and the scene that they work on."""
+
+    scene: Scene
+    renderer: Renderer
+    paint: Paint
+    generator: TextureGenerator
+    detector: Detector
+    label: int
+    """The detector's class that the vehicle belongs to."""
+    residual: Residual | None = None
+
+    def texture(self, text_feature: Tensor, feature: Tensor, seed: int) -> SrgbTexture:
+        """T_adv for one F_adv; the initial noise belongs to the seed and never changes."""
+        noise = torch.Generator().manual_seed(seed)
+        return self.generator.generate(text_feature, feature, noise)
+
+
+@dataclass
+class Progress:
+    """All that changes from step to step: enough to go on after an interruption."""
+
+    step: int
+    feature: Tensor
+    optimizer: torch.optim.Optimizer
+
+
+def start(attack: Attack, settings: Settings) -> Progress:
+    """F_adv near zero, and its optimizer."""
+    noise = torch.Generator().manual_seed(settings.seed)
+    feature = initial(attack.generator.feature_shape, spread=settings.start_spread, generator=noise)
+    feature = project(feature, settings.tau).requires_grad_()
+    return Progress(0, feature, torch.optim.Adam([feature], lr=settings.learning_rate))
+
+
+def optimize(
+    attack: Attack,
+    settings: Settings,
+    progress: Progress,
+    after_step: Callable[[Progress, dict[str, float]], None],
+) -> Tensor:
+    """Run the attack to its last step and return F_adv.
+
+    ``after_step`` is given the progress and a record of the step: step, loss (L_adv), detection
+    score (mean of max D_s) and the seconds that each part took.
+
+    Raises:
+        DetectorError: the detector gives no gradient.
+        NonFiniteError: the gradient of F_adv is not finite.
+    """
+    if not attack.detector.differentiable:
+        raise DetectorError(f"detector {attack.detector.name}: gives no gradient; use a .cfg model")
+    text_feature = attack.generator.encode(settings.prompt)
+    weathers = draw_weathers(attack.scene, WEATHERS, seed=settings.seed)
+    feature, optimizer = progress.feature, progress.optimizer
+    while progress.step < settings.steps:
+        clock, step, count = Clock(), progress.step, settings.views_per_step
+        views = draw_views(attack.scene, count, seed=settings.seed, start=step * count)
+        weather, seed = weathers[step % WEATHERS], settings.seed * 1_000_003 + step
+        boxes = attack.renderer.vehicle_boxes(views)
+        with clock("generate"):
+            albedo = attack.paint.apply(attack.texture(text_feature, feature, settings.seed))
+        with clock("render"):
+            images = attack.renderer.render(albedo, views, weather, seed=seed)
+            if attack.residual is not None:
+                images = attack.residual(images, images.detach())
+        with clock("detect"):
+            candidates = attack.detector.candidates(linear_to_srgb(images))
+        loss, scores = detection_loss(candidates, boxes, attack.label)
+
+        optimizer.zero_grad()
+        with clock("backward"):
+            loss.backward()
+        if feature.grad is None or not torch.isfinite(feature.grad).all():
+            raise NonFiniteError(f"step {step} (seed {seed}): the gradient of F_adv is not finite")
+        optimizer.step()
+        with torch.no_grad():
+            feature.copy_(project(feature, settings.tau))
+
+        progress.step += 1
+        record = {"step": progress.step, "loss_adv": float(loss), "D_s": float(scores.mean())}
+        after_step(progress, record | clock.seconds())
+    return feature.detach()
+
+
+class Clock:
+    """Seconds per named part of a step."""
+
+    def __init__(self) -> None:
+        self._started = time.perf_counter()
+        self._parts: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Book the time of the block under ``name``."""
+        started = time.perf_counter()
+        yield
+        self._parts[name] = time.perf_counter() - started
+
+    def seconds(self) -> dict[str, float]:
+        """``seconds_NAME`` for each part and ``seconds_total``."""
+        total = time.perf_counter() - self._started
+        named = {f"seconds_{name}": round(value, 4) for name, value in self._parts.items()}
+        return named | {"seconds_total": round(total, 4)}

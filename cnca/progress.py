@@ -1,0 +1,37 @@
+"""How long work shows itself: bar, count, rate, remaining time."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+
+class RateColumn(ProgressColumn):
+    """Seconds per step, the unit in which these steps are felt."""
+
+    def render(self, task: Task) -> Text:
+        """``–`` until the first step has ended."""
+        return Text(f"{1 / task.speed:.1f} s each" if task.speed else "–", style="dim")
+
+
+def bar(console: Console) -> Progress:
+    """A progress bar on ``console``."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        RateColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+    )

@@ -1,0 +1,225 @@
+"""One ``cnca optimize`` from start to report: its folder, its checkpoints, its verdict.
+
+A run folder holds ``manifest.json``, ``log.jsonl``, ``checkpoint.pt``, and at the end
+``texture.png``, ``F_adv.safetensors``, ``summary.json``, ``before_after.png`` and ``report.html``.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+
+from cnca import build, controls
+from cnca.errors import RunError
+from cnca.evaluate import Result, Shots, evaluate
+from cnca.files import replacing
+from cnca.gen.feature import StoredFeature
+from cnca.manifest import hashes, versions, write_json
+from cnca.optimize import Attack, Progress, Settings, optimize, start
+from cnca.pictures import as_pictures, draw_boxes, side_by_side, write_png
+from cnca.progress import bar
+from cnca.report import write_report
+from cnca.scene.images import write_texture_srgb
+from cnca.scene.schema import Scene, load_scene
+from cnca.scene.variation import draw_views, draw_weathers
+
+HELD_OUT_SEED = 104_729
+"""Added to a run's seed for the views that judge it: never those that trained it."""
+SHOWN_VIEWS = 4
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for."""
+
+    scene: Path
+    detector: str
+    out: Path
+    settings: Settings
+    backend: str = "mitsuba"
+    generator: Path | None = None
+    samples: int = 8
+    """Rays per pixel in the loop; the verdict takes the scene's own number."""
+    tokens: int = 8
+    guidance: float = 4.0
+    held_out_views: int = 24
+    resume: bool = False
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything that decides the result: neither the folder nor whether it is resumed."""
+        fields = asdict(self)
+        del fields["out"], fields["resume"]
+        return json.loads(json.dumps(fields, default=str))
+
+
+def run(request: Request, console: Console) -> dict[str, Any]:
+    """Attack, judge on held-out views, write everything; returns the summary.
+
+    Raises:
+        RunError: the folder holds another run, or one that is not to be resumed.
+    """
+    scene = load_scene(request.scene)
+    attack = _assemble(request, scene)
+    progress = _open(request, attack, scene)
+    feature = _attack(request, attack, progress, console)
+    return _judge(request, attack, feature, console)
+
+
+def _assemble(request: Request, scene: Scene) -> Attack:
+    vehicle = build.build_vehicle(scene)
+    detector = build.build_detector(request.detector)
+    return Attack(
+        scene=scene,
+        renderer=build.build_renderer(
+            scene, vehicle, backend=request.backend, samples=request.samples
+        ),
+        paint=build.build_paint(scene, vehicle),
+        generator=build.build_generator(
+            request.generator, tokens=request.tokens, guidance=request.guidance
+        ),
+        detector=detector,
+        label=build.vehicle_label(detector.class_names),
+    )
+
+
+def _open(request: Request, attack: Attack, scene: Scene) -> Progress:
+    """A new run folder, or the state in which an interrupted run was left."""
+    manifest, checkpoint = request.out / "manifest.json", request.out / "checkpoint.pt"
+    progress = start(attack, request.settings)
+    if manifest.exists() and not request.resume:
+        raise RunError(f"{request.out}: already holds a run; add --resume or choose another --out")
+    if manifest.exists():
+        before = json.loads(manifest.read_text(encoding="utf-8"))["request"]
+        now = request.as_dict()
+        differing = [key for key in now if now[key] != before.get(key)]
+        if differing:
+            raise RunError(f"{request.out}: was started with another {', '.join(differing)}")
+    else:
+        inputs = build.input_files(scene, request.scene, request.detector, request.generator)
+        content = {"request": request.as_dict(), "versions": versions(), "inputs": hashes(inputs)}
+        write_json(manifest, content)
+    if checkpoint.exists():
+        _restore(progress, checkpoint)
+    return progress
+
+
+def _restore(progress: Progress, checkpoint: Path) -> None:
+    try:
+        state = torch.load(checkpoint, weights_only=True)
+        progress.step = state["step"]
+        with torch.no_grad():
+            progress.feature.copy_(state["feature"])
+        progress.optimizer.load_state_dict(state["optimizer"])
+    except (RuntimeError, KeyError, EOFError, pickle.UnpicklingError) as error:
+        reason = str(error).splitlines()[0]
+        raise RunError(f"{checkpoint}: damaged ({reason}); delete it to start again") from None
+
+
+def _save(progress: Progress, checkpoint: Path) -> None:
+    state = {
+        "step": progress.step,
+        "feature": progress.feature.detach(),
+        "optimizer": progress.optimizer.state_dict(),
+    }
+    with replacing(checkpoint) as temporary:
+        torch.save(state, temporary)
+
+
+def _attack(request: Request, attack: Attack, progress: Progress, console: Console) -> torch.Tensor:
+    log = request.out / "log.jsonl"
+    _keep_lines(log, progress.step)
+    with bar(console) as shown:
+        task = shown.add_task("attack", total=request.settings.steps, completed=progress.step)
+
+        def after_step(progress: Progress, record: dict[str, float]) -> None:
+            with log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(record) + "\n")
+            _save(progress, request.out / "checkpoint.pt")
+            label = f"attack: L_adv {record['loss_adv']:.3f}, D_s {record['D_s']:.3f}"
+            shown.update(task, completed=progress.step, description=label)
+
+        return optimize(attack, request.settings, progress, after_step)
+
+
+def _keep_lines(log: Path, count: int) -> None:
+    """Drop records of steps that the checkpoint does not know: they are done again."""
+    if log.exists():
+        lines = log.read_text(encoding="utf-8").splitlines(keepends=True)[:count]
+        with replacing(log) as temporary:
+            temporary.write_text("".join(lines), encoding="utf-8")
+
+
+def _judge(
+    request: Request, attack: Attack, feature: torch.Tensor, console: Console
+) -> dict[str, Any]:
+    settings, scene, out = request.settings, attack.scene, request.out
+    text_feature = attack.generator.encode(settings.prompt)
+    with torch.no_grad():
+        texture = attack.texture(text_feature, feature, settings.seed)
+        unattacked = attack.texture(text_feature, torch.zeros_like(feature), settings.seed)
+    size = scene.vehicle.texture_size
+    chance = torch.Generator().manual_seed(settings.seed)
+    albedos = {
+        "before": attack.paint.apply(),
+        "prompt": attack.paint.apply(unattacked),
+        "random": attack.paint.apply(controls.random_blocks(size, chance)),
+        "shuffled": attack.paint.apply(controls.shuffled(texture, chance)),
+        "after": attack.paint.apply(texture),
+    }
+    shots = held_out_shots(scene, request.held_out_views, settings.seed)
+    renderer = build.build_renderer(scene, build.build_vehicle(scene), backend=request.backend)
+    with bar(console) as shown:
+        task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
+        results = evaluate(
+            renderer, attack.detector, attack.label, albedos, shots, lambda: shown.advance(task)
+        )
+    write_texture_srgb(out / "texture.png", texture.permute(1, 2, 0).numpy())
+    write_texture_srgb(out / "texture_prompt.png", unattacked.permute(1, 2, 0).numpy())
+    StoredFeature(feature, settings.prompt, settings.tau).save(out / "F_adv.safetensors")
+    write_png(out / "before_after.png", _before_after(results, attack.detector.class_names))
+    summary = _summarize(request, results)
+    write_json(out / "summary.json", summary)
+    write_report(out, request.as_dict(), summary)
+    return summary
+
+
+def held_out_shots(scene: Scene, count: int, seed: int) -> Shots:
+    """Views and weathers of the scene's ranges that the attack with this seed does not see."""
+    weathers = draw_weathers(scene, max(1, min(8, count // 4)), seed=seed + HELD_OUT_SEED)
+    views = draw_views(scene, count, seed=seed + HELD_OUT_SEED)
+    # Every len(weathers)-th view to one weather, so that each weather sees the car all around.
+    return Shots([views[i :: len(weathers)] for i in range(len(weathers))], weathers, seed)
+
+
+def _before_after(results: dict[str, Result], class_names: Any) -> Any:
+    """Rows: plain paint and camouflage; columns: views spread over the held-out set."""
+    tiles, captions = [], []
+    for name in ("before", "after"):
+        result = results[name]
+        step = max(1, len(result.images) // SHOWN_VIEWS)
+        for i in range(0, step * min(SHOWN_VIEWS, len(result.images)), step):
+            sure = result.detections[i].above(0.25)
+            picture = as_pictures(result.images[i : i + 1])[0]
+            tiles.append(draw_boxes(picture, sure, class_names, result.boxes[i]))
+            captions.append(f"{name}: score {result.scores[i]:.2f}")
+    return side_by_side(tiles, captions, columns=len(tiles) // 2)
+
+
+def _summarize(request: Request, results: dict[str, Result]) -> dict[str, Any]:
+    scores = {name: round(result.mean_score, 4) for name, result in results.items()}
+    return {
+        "prompt": request.settings.prompt,
+        "detector": request.detector,
+        "scene": str(request.scene),
+        "held_out_views": len(results["before"].scores),
+        **{f"score_{name}": score for name, score in scores.items()},
+        "ratio_to_shuffled": round(scores["after"] / max(scores["shuffled"], 1e-9), 4),
+        "AP@0.5": {name: round(r.average_precision, 4) for name, r in results.items()},
+        "scores_per_view": {n: [round(s, 4) for s in r.scores] for n, r in results.items()},
+    }
