@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cnca.scene.bodywork import Body
+from cnca.scene.bodywork import END_LIFT, Body
 from cnca.scene.surface import Surface
 
 Distance = Float[np.ndarray, " vertices"]
@@ -48,7 +48,7 @@ def regions(body: Body) -> list[Region]:
     cover = [Region("trim", lambda skin: bed_cover(body, skin))] if body.shape.open_bed else []
     return [
         *cover,
-        Region("underbody", lambda skin: skin.z - body.shape.clearance - 0.045),
+        Region("underbody", lambda skin: skin.z - body.shape.clearance - END_LIFT - 0.02),
         *pillars(body),
         *sealed,
         *(region.grown(SEAL, "trim") for region in sealed),
