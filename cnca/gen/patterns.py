@@ -216,7 +216,7 @@ def _voronoi(
 ) -> tuple[Field, Field, Int[np.ndarray, "256 256"]]:
     """Distance to the nearest and second nearest jittered site in pixels, and a number per site."""
     count = int(np.ceil(SIZE / cell)) + 2
-    corners = np.stack(np.mgrid[0:count, 0:count], axis=-1) - 1.0
+    corners = np.moveaxis(np.mgrid[0:count, 0:count], 0, -1) - 1.0
     centres = (cell * (corners + rng.random((count, count, 2)))).astype(np.float32)
     number = rng.integers(1000, size=(count, count))
     column, row = (_X / cell).astype(int), (_Y / cell).astype(int)

@@ -31,8 +31,8 @@ def train_generator(
     seed: int = 0,
     resume: bool = True,
     pictures: int = 4000,
-    autoencoder_steps: int = 1600,
-    denoiser_steps: int = 5000,
+    autoencoder_steps: int = 650,
+    denoiser_steps: int = 3000,
     batch: int = 8,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
@@ -44,7 +44,7 @@ def train_generator(
     data = corpus.prepare(out, count=pictures, seed=seed)
     loop = TrainingLoop(out, seed, resume)
     vae = train_autoencoder(loop, data, steps=autoencoder_steps)
-    latents = encode_corpus(vae, data, out / f"latents-{pictures}-{seed}.pt")
+    latents = encode_corpus(vae, data, out / f"latents-{pictures}-{seed}-{autoencoder_steps}.pt")
     return train_denoiser(loop, vae, latents, data, steps=denoiser_steps, batch=batch)
 
 
@@ -83,8 +83,8 @@ def random_crops(
 @torch.no_grad()
 def encode_corpus(
     vae: AutoencoderKL, data: Corpus, file: Path
-) -> Float[Tensor, "pictures 2 4 32 32"]:
-    """Posterior means of every picture and of its mirror image, scaled to unit deviation.
+) -> Float[Tensor, "pictures 4 32 32"]:
+    """Posterior means of all pictures, scaled to unit deviation; kept in ``file``.
 
     Sets ``vae.config.scaling_factor`` (Rombach et al. 2022, section 3.3 of the supplement).
     """
@@ -94,8 +94,7 @@ def encode_corpus(
         chunks = []
         for i in range(0, len(data.pictures), 8):
             images = _signed(torch.from_numpy(data.pictures[i : i + 8].copy()))
-            both = torch.stack([images, images.flip(-1)], dim=1).flatten(0, 1)
-            chunks.append(vae.encode(both).latent_dist.mean.half().unflatten(0, (-1, 2)))
+            chunks.append(vae.encode(images).latent_dist.mean.half())
         means = torch.cat(chunks)
         torch.save(means, file.with_suffix(".tmp"))
         file.with_suffix(".tmp").replace(file)
@@ -130,7 +129,7 @@ class ImagePrompt(nn.Module):
 def train_denoiser(
     loop: TrainingLoop,
     vae: AutoencoderKL,
-    latents: Float[Tensor, "pictures 2 4 32 32"],
+    latents: Float[Tensor, "pictures 4 32 32"],
     data: Corpus,
     *,
     steps: int,
@@ -152,8 +151,7 @@ def train_denoiser(
 
     def loss(generator: torch.Generator) -> Tensor:
         chosen = torch.randint(len(latents), (batch,), generator=generator)
-        mirrored = torch.randint(2, (batch,), generator=generator)
-        clean = latents[chosen, mirrored]
+        clean = latents[chosen]
         # classifier-free guidance (Ho & Salimans 2022): sometimes neither text nor F_adv
         blind = torch.rand(batch, 1, generator=generator) < 0.1
         text = parts["text_encoder"](torch.where(blind, nothing, words[chosen])).last_hidden_state
