@@ -114,7 +114,7 @@ class _Render(dr.CustomOp):
 def render(
     albedo: Float[Tensor, "size size 3"], shot: Shot
 ) -> Float[Tensor, "views height width 3"]:
-    """Render ``albedo`` (linear, [0, 1], row 0 at v = 1) to exposed linear images; differentiable."""
+    """Exposed linear images of ``albedo`` (linear, [0, 1], row 0 at v = 1); differentiable."""
 
     @dr.wrap(source="torch", target="drjit")
     def call(albedo: mi.TensorXf) -> mi.TensorXf:

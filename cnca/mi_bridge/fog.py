@@ -39,7 +39,9 @@ class FogField:
     """
 
     heights: Float[np.ndarray, " levels"]
-    """Metres above the ground, from 0 to the top of the layer, denser at both ends."""
+    """Metres above the ground, from 0 to the top of the layer: :func:`level_heights`."""
+    stretch: float
+    """How much denser the levels lie at both ends of the layer."""
     radiance: Float[np.ndarray, "levels rows columns 3"]
     """I: diffuse radiance, sky light included, direct sun excluded."""
     source: Float[np.ndarray, "levels rows columns 3"]
@@ -48,10 +50,19 @@ class FogField:
     """Irradiance of the direct sun that is left at each height."""
 
 
+def level_heights(height: float, stretch: float) -> Float[np.ndarray, " levels"]:
+    """Heights of the levels: H/2 (1 + tanh(a t) / tanh(a)) for even steps of t in [−1, 1].
+
+    Light changes fastest within an optical depth of the layer's two ends, however thick it is.
+    """
+    t = np.linspace(-1, 1, LEVELS)
+    return height / 2 * (1 + np.tanh(stretch * t) / np.tanh(stretch))
+
+
 def henyey_greenstein(
     cosine: Float[np.ndarray, "*shape"], asymmetry: float
 ) -> Float[np.ndarray, "*shape"]:
-    """Phase function in 1/sr (Henyey & Greenstein 1941); ``cosine`` is between the travel directions."""
+    """Phase function in 1/sr (Henyey & Greenstein 1941) of the cosine between travel directions."""
     g = asymmetry
     return (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
 
@@ -60,68 +71,126 @@ def solve_fog(fog: Fog, light: Light, ground_albedo: Float[np.ndarray, "3"]) -> 
     """Solve the transfer equation with discrete ordinates and GMRES.
 
     Raises:
-        NonFiniteError: the solution is not finite.
+        NonFiniteError: the solution is not finite, or GMRES does not converge.
     """
-    heights = fog.height * (1 - np.cos(np.linspace(0, np.pi, LEVELS))) / 2
+    stretch = 1 + 0.5 * np.log(max(fog.extinction * fog.height, 1.0))
+    heights = level_heights(fog.height, stretch)
     directions = sky_directions(ROWS, COLUMNS).reshape(-1, 3)
     weights = np.repeat(sky_solid_angles(ROWS, COLUMNS)[:, 0], COLUMNS)
     scattering = fog.albedo * _phase_matrix(directions, weights, fog.asymmetry)
-    # Looking up (row 0) one sees light that travels down.
-    looks_up = directions[:, 2] > 0
-    steps = fog.extinction * np.diff(heights)[:, None] / np.abs(directions[:, 2])
-    attenuation = np.exp(-steps)
-    average = -np.expm1(-steps) / np.maximum(steps, 1e-12)  # mean transmittance, 1 for no fog
-    average = np.where(steps < 1e-12, 1.0, average)
-
-    # Unscattered sun; below the horizon there is none and the slant path must not divide by zero.
+    # Below the horizon there is no sun, and the slant path must not divide by zero.
     mu_sun = max(float(light.sun_direction[2]), 1e-4)
     slant = np.exp(-fog.extinction * (fog.height - heights) / mu_sun)
     sun = slant[:, None] * light.sun_irradiance
     single = henyey_greenstein(directions @ light.sun_direction, fog.asymmetry)
     single = fog.albedo * single / max(float(single @ weights), 1e-12)
-    source_sun = single[None, :, None] * sun[:, None, :]
 
+    layer = _Layer(fog.extinction, heights, directions, weights, ground_albedo)
     sky = _downsample(light.sky).reshape(-1, 3)
-    cosine_down = np.where(looks_up, directions[:, 2], 0.0) * weights
     ground_sun = ground_albedo / np.pi * sun[0] * max(float(light.sun_direction[2]), 0.0)
-
-    def transport(source: np.ndarray, sky: np.ndarray, ground_sun: np.ndarray) -> np.ndarray:
-        """Radiance at all levels for a source that is linear in τ between them."""
-        radiance = np.empty_like(source)
-        radiance[-1, looks_up] = sky[looks_up]
-        far, near = average - attenuation, 1 - average
-        for k in range(LEVELS - 2, -1, -1):
-            a, f, n = (w[k, looks_up, None] for w in (attenuation, far, near))
-            above, here = source[k + 1, looks_up], source[k, looks_up]
-            radiance[k, looks_up] = a * radiance[k + 1, looks_up] + f * above + n * here
-        irradiance = cosine_down[looks_up] @ radiance[0, looks_up]
-        radiance[0, ~looks_up] = ground_albedo / np.pi * irradiance + ground_sun
-        for k in range(LEVELS - 1):
-            a, f, n = (w[k, ~looks_up, None] for w in (attenuation, far, near))
-            below, here = source[k, ~looks_up], source[k + 1, ~looks_up]
-            radiance[k + 1, ~looks_up] = a * radiance[k, ~looks_up] + f * below + n * here
-        return radiance
-
+    sunlight = layer.first_scattering(single[None, :, None] * sun[:, None, :], mu_sun)
     shape = (LEVELS, len(directions), 3)
 
     def scatter(radiance: np.ndarray) -> np.ndarray:
         return np.einsum("de,lec->ldc", scattering, radiance, optimize=True)
 
     def residual(source: np.ndarray) -> np.ndarray:
-        dark_sky, dark_ground = np.zeros_like(sky), np.zeros(3)
         source = source.reshape(shape)
-        return (source - scatter(transport(source, dark_sky, dark_ground))).ravel()
+        return (source - scatter(layer.radiance(source))).ravel()
 
-    # Source = first scattering of sky and ground light + scattering of what the source itself emits.
-    first = scatter(transport(source_sun, sky, ground_sun))
+    # Source = scattering of what comes from outside + scattering of what the source itself emits.
+    incoming = layer.radiance(np.zeros(shape), sunlight, sky, ground_sun)
+    first = scatter(incoming)
     operator = LinearOperator((first.size, first.size), matvec=residual)
-    solution, _ = gmres(operator, first.ravel(), rtol=TOLERANCE, restart=40, maxiter=10)
+    solution, failed = gmres(operator, first.ravel(), rtol=TOLERANCE, restart=40, maxiter=25)
     source = solution.reshape(shape)
-    radiance = transport(source + source_sun, sky, ground_sun)
-    if not (np.isfinite(source).all() and np.isfinite(radiance).all()):
-        raise NonFiniteError(f"fog field is not finite for {fog}")
+    radiance = incoming + layer.radiance(source)
+    if failed or not (np.isfinite(source).all() and np.isfinite(radiance).all()):
+        raise NonFiniteError(f"fog field has no finite solution for {fog}")
     grid = (LEVELS, ROWS, COLUMNS, 3)
-    return FogField(heights, radiance.reshape(grid), source.reshape(grid), sun)
+    return FogField(heights, stretch, radiance.reshape(grid), source.reshape(grid), sun)
+
+
+class _Layer:
+    """Straight rays between the levels of the layer, for sources that are known on the levels."""
+
+    def __init__(
+        self,
+        extinction: float,
+        heights: Float[np.ndarray, " levels"],
+        directions: Float[np.ndarray, "n 3"],
+        weights: Float[np.ndarray, " n"],
+        ground_albedo: Float[np.ndarray, "3"],
+    ):
+        self.mu = np.abs(directions[:, 2])
+        self.looks_up = directions[:, 2] > 0  # and sees light that travels down
+        self.tau = extinction * np.diff(heights)[:, None]
+        steps = self.tau / self.mu
+        self.transmitted = np.exp(-steps)
+        # Mean transmittance of a step; 1 where there is no fog.
+        average = np.where(steps < 1e-12, 1.0, -np.expm1(-steps) / np.maximum(steps, 1e-12))
+        # Weights of a source, linear in τ, at the far and at the near end of a step.
+        self.far, self.near = average - self.transmitted, 1 - average
+        self.to_irradiance = np.where(self.looks_up, self.mu, 0.0) * weights
+        self.ground_albedo = ground_albedo
+
+    def first_scattering(
+        self, source: Float[np.ndarray, "levels n 3"], mu_sun: float
+    ) -> Float[np.ndarray, "steps n 3"]:
+        """What each step adds where the source falls like the direct sun, exp(−τ/``mu_sun``).
+
+        Exact: thick fog takes the sun away within a small part of one step.
+        """
+        slant, steps = self.tau / mu_sun, self.tau / self.mu
+        nearly = np.abs(steps - slant) < 1e-4  # 0/0: take the limit
+        ratio = steps / np.where(nearly, 1.0, steps - slant)
+        up = np.where(
+            nearly,
+            steps * np.exp(-(steps + slant) / 2),
+            ratio * (np.exp(-slant) - self.transmitted),
+        )
+        down = -np.expm1(-(steps + slant)) / (1 + self.mu / mu_sun)
+        return np.where(self.looks_up, up, down)[..., None] * source[1:]
+
+    def radiance(
+        self,
+        source: Float[np.ndarray, "levels n 3"],
+        added: Float[np.ndarray, "steps n 3"] | None = None,
+        sky: Float[np.ndarray, "n 3"] | None = None,
+        ground_sun: Float[np.ndarray, "3"] | float = 0.0,
+    ) -> Float[np.ndarray, "levels n 3"]:
+        """Radiance at all levels; ``added`` is what each step gains besides ``source``."""
+        radiance = np.zeros_like(source)
+        added = np.zeros_like(source[1:]) if added is None else added
+        up, down = self.looks_up, ~self.looks_up
+        if sky is not None:
+            radiance[-1, up] = sky[up]
+        for k in range(len(source) - 2, -1, -1):
+            self._step(radiance, source, added[k], up, k, k + 1, k)
+        irradiance = self.to_irradiance @ radiance[0]
+        radiance[0, down] = self.ground_albedo / np.pi * irradiance + ground_sun
+        for k in range(len(source) - 1):
+            self._step(radiance, source, added[k], down, k, k, k + 1)
+        return radiance
+
+    def _step(
+        self,
+        radiance: np.ndarray,
+        source: np.ndarray,
+        added: np.ndarray,
+        which: np.ndarray,
+        step: int,
+        far: int,
+        near: int,
+    ) -> None:
+        """Follow the light of the directions ``which`` from level ``far`` to level ``near``."""
+        a, f, n = (w[step, which, None] for w in (self.transmitted, self.far, self.near))
+        radiance[near, which] = (
+            a * radiance[far, which]
+            + f * source[far, which]
+            + n * source[near, which]
+            + added[which]
+        )
 
 
 def _phase_matrix(

@@ -64,7 +64,7 @@ class Geometry:
         self._vehicle_shapes = meshes[: len(vehicle.parts)]
 
     def bind(self, albedo: mi.TensorXf, *, differentiable: bool = False) -> mi.TensorXf:
-        """Make ``albedo`` (size, size, 3), linear, row 0 at v = 1, the paint of what is rendered next.
+        """Make ``albedo`` (size, size, 3), linear, row 0 at v = 1, the paint of the next render.
 
         The paint is ``albedo`` mapped from [0, 1] to [ALBEDO_FLOOR, 1], so that a black texel still
         scatters paths and so still learns; the image error is below 10⁻³ of the incident light, and

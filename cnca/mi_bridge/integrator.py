@@ -68,6 +68,8 @@ class FogLayer:
         self.height = _opaque_float(fog.height)
         self.albedo = _opaque_float(fog.albedo)
         self.asymmetry = _opaque_float(fog.asymmetry)
+        self.stretch = _opaque_float(field.stretch)
+        self.tanh_stretch = _opaque_float(np.tanh(field.stretch))
         self.sky = sky
         # Below the horizon the sun's slant path is endless and its light zero: keep 1/μ finite.
         self.inv_mu_sun = dr.rcp(dr.maximum(sky.sun_direction.z, 1e-4))
@@ -107,9 +109,11 @@ class FogLayer:
         return dr.minimum(start, distance), end
 
     def _source_function(self, z: mi.Float, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
-        """J at height ``z`` for an eye that looks along ``d``: table, and the sun's first scattering."""
+        """J at height ``z`` seen along ``d``: the table and the sun's first scattering."""
         uv = _direction_uv(d, self._columns)
-        level = dr.safe_acos(1 - 2 * z / self.height) * dr.inv_pi
+        # The inverse of fog.level_heights.
+        t = dr.atanh((2 * z / self.height - 1) * self.tanh_stretch) / self.stretch
+        level = (1 + t) / 2
         w = (level * (self._levels - 1) + 0.5) / self._levels
         diffuse = mi.Color3f(self._source.eval(mi.Point3f(uv.x, uv.y, w), active))
         g, cosine = self.asymmetry, dr.dot(d, self.sky.sun_direction)

@@ -1,4 +1,6 @@
-"""Sun and sky as arrays: baked once per weather from Mitsuba's ``sunsky`` (Hosek & Wilkie 2012, 2013).
+"""Sun and sky as arrays, baked once per weather from Mitsuba's ``sunsky``.
+
+Its model is that of Hosek & Wilkie (2012, 2013).
 
 The integrator reads the sky from a latitude–longitude map and the sun as one direction with one
 irradiance.  This keeps a change of weather an exchange of numbers: no emitter, no new kernel.
@@ -19,7 +21,7 @@ SKY_ROWS, SKY_COLUMNS = 128, 256
 SUN_HALF_ANGLE = math.radians(0.5358 / 2)
 """Half of the sun's apparent diameter, the default of Mitsuba's ``sunsky``."""
 TWILIGHT_DECAY = 2.6
-"""Degrees below the horizon for a tenfold darkening: 700 lx at 0°, 3.4 lx at −6° of sun altitude."""
+"""Degrees below the horizon for a tenfold darkening: 700 lx at 0°, 3.4 lx at −6°."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,7 @@ def _evaluate(
     directions: Float[np.ndarray, "*shape 3"],
     **scales: float,
 ) -> Float[np.ndarray, "*shape 3"]:
-    """Radiance of ``sunsky``; its RGB fit goes below zero near a setting sun, which light cannot."""
+    """Radiance of ``sunsky``; its RGB fit, negative near a setting sun, is cut off at zero."""
     emitter = mi.load_dict(
         {"type": "sunsky", "sun_direction": sun.tolist(), "turbidity": turbidity, **scales}
     )

@@ -14,7 +14,7 @@ from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 
 GOLDEN_5 = 1.13472413840151949
-"""Root of x⁶ = x + 1: its inverse powers spread points evenly over five dimensions (Roberts 2018)."""
+"""Root of x⁶ = x + 1: its inverse powers spread points evenly in five dimensions (Roberts 2018)."""
 DIMENSIONS = 5
 """Evenly spread numbers per lane: two for the pixel, three for the first reflection."""
 

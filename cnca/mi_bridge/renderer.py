@@ -33,6 +33,9 @@ from cnca.types import Boxes, LinearImages, LinearTexture
 WEATHERS_KEPT = 64
 """Weathers whose sky and fog stay in memory (about 3 MB each)."""
 
+ROUNDING = 1e-4
+"""By how much an albedo may leave [0, 1]; less than the floor that keeps it positive."""
+
 
 @dataclass(frozen=True)
 class _Atmosphere:
@@ -75,14 +78,11 @@ class MitsubaRenderer:
         """Exposed linear images (views, 3, height, width); see :class:`cnca.protocols.Renderer`.
 
         Raises:
-            TextureError: the texture has another shape than (3, size, size).
+            TextureError: the texture has another shape than (3, size, size), holds NaN, or leaves
+                [0, 1].
             NonFiniteError: a view came out with NaN or infinity.
         """
-        size = self.geometry.texture_size
-        if tuple(albedo.shape) != (3, size, size):
-            raise TextureError(
-                f"texture of shape {tuple(albedo.shape)}: the renderer takes (3, {size}, {size})"
-            )
+        _refuse_bad_texture(albedo.detach(), self.geometry.texture_size)
         atmosphere = self._atmosphere(weather)
         shot = Shot(
             self.geometry,
@@ -143,6 +143,16 @@ def _at_height(
     """Diffuse radiance and direct sun at a height in the layer."""
     level = int(np.searchsorted(field.heights, height).clip(0, len(field.heights) - 1))
     return field.radiance[level], field.sun[level]
+
+
+def _refuse_bad_texture(albedo: torch.Tensor, size: int) -> None:
+    if tuple(albedo.shape) != (3, size, size):
+        raise TextureError(
+            f"texture of shape {tuple(albedo.shape)}: the renderer takes (3, {size}, {size})"
+        )
+    low, high = (float(bound) for bound in torch.aminmax(albedo))  # NaN if any texel is
+    if not (low >= -ROUNDING and high <= 1 + ROUNDING):
+        raise TextureError(f"texture has values from {low:g} to {high:g}: albedo lies in [0, 1]")
 
 
 def _refuse_non_finite(
