@@ -12,22 +12,22 @@ class SedanShape:
     length: float = 4.70
     width: float = 1.83
     """Without mirrors."""
-    height: float = 1.45
+    height: float = 1.47
     wheelbase: float = 2.80
     front_overhang: float = 0.87
     """From the front bumper back to the front axle."""
     wheel_radius: float = 0.335
     clearance: float = 0.17
     """Height of the floor above the ground."""
-    bonnet_length: float = 1.20
+    bonnet_length: float = 1.25
     """From the front bumper back to the foot of the windscreen."""
     nose_height: float = 0.78
     """Top of the bonnet's front edge."""
     cowl_height: float = 0.99
     """Foot of the windscreen."""
-    windscreen_run: float = 0.85
+    windscreen_run: float = 0.80
     """Horizontal distance from the windscreen's foot to the roof."""
-    belt_height: float = 0.91
+    belt_height: float = 0.885
     """Lower edge of the side windows below the windscreen's foot."""
     belt_rise: float = 0.07
     """How much higher the belt line is at the tail."""
