@@ -12,6 +12,7 @@ from cnca.scene.bodywork import END_LIFT, Body
 from cnca.scene.surface import Surface
 
 Distance = Float[np.ndarray, " vertices"]
+Pair = tuple[float, float]
 SEAL = 0.018
 """Width of the dark rubber around windows and lights, metres."""
 GAP = 0.008
@@ -137,8 +138,8 @@ def grille_and_plates(body: Body) -> list[Region]:
     s = body.shape
     half = s.width / 2
 
-    def front(a: Distance, skin: Surface, *box: tuple[float, float], radius: float) -> Distance:
-        return np.maximum(_box(a, skin.z, *box, radius), body.nose - 0.5 - skin.x)
+    def front(a: Distance, skin: Surface, centre: Pair, size: Pair, radius: float) -> Distance:
+        return np.maximum(_box(a, skin.z, centre, size, radius), body.nose - 0.5 - skin.x)
 
     def front_plate(skin: Surface) -> Distance:
         return front(skin.y, skin, (0.0, body.waist - 0.02), (0.26, 0.056), radius=0.01)
@@ -246,8 +247,8 @@ def _side_opening(body: Body, skin: Surface) -> Distance:
 def _box(
     a: Distance,
     b: Distance,
-    centre: tuple[float, float],
-    half: tuple[float, float] | tuple[float, Distance],
+    centre: Pair,
+    half: Pair | tuple[float, Distance],
     radius: float,
 ) -> Distance:
     """Signed distance to a rectangle with rounded corners in the plane (a, b)."""
