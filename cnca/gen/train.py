@@ -1,9 +1,6 @@
 """Training of the shipped generator: corpus → autoencoder → latents → text encoder and U-Net.
 
-The stages follow latent diffusion (Rombach et al. 2022).  The tokens that F_adv will take at
-attack time are trained as *image prompt* tokens (after the idea of IP-Adapter, Ye et al. 2023):
-in half of the samples they describe the picture coarsely, in the other half they are zero.  So
-cross-attention listens to them, values in [−1, 1] are in its range, and zero means "no wish".
+The stages follow latent diffusion (Rombach et al. 2022).
 """
 
 from __future__ import annotations
@@ -15,14 +12,14 @@ import torch
 import torch.nn.functional as F
 from diffusers import AutoencoderKL, StableDiffusionPipeline
 from jaxtyping import Float
-from torch import Tensor, nn
+from rich.progress import track
+from torch import Tensor
+from transformers import CLIPTokenizer
 
 from cnca.gen import architecture, corpus
 from cnca.gen.corpus import Corpus
+from cnca.gen.denoiser import Denoiser, train_denoiser
 from cnca.gen.training_loop import TrainingLoop
-
-FEATURE_TOKENS = 8
-"""Tokens of F_adv that the generator is trained with."""
 
 
 def train_generator(
@@ -31,21 +28,29 @@ def train_generator(
     seed: int = 0,
     resume: bool = True,
     pictures: int = 4000,
+    encoded: int = 1536,
     autoencoder_steps: int = 650,
-    denoiser_steps: int = 3000,
+    denoiser_steps: tuple[int, int] = (2000, 1400),
     batch: int = 8,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
 
-    Same arguments, same weights.  With ``resume``, stages and steps found in ``out`` are kept.
+    The autoencoder learns from all ``pictures``, the denoiser from the first ``encoded``;
+    ``denoiser_steps`` are those on quarter pictures and on whole ones.  Same arguments, same
+    weights.  With ``resume``, stages and steps found in ``out`` are kept.
     """
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)  # the parts' initial weights
     data = corpus.prepare(out, count=pictures, seed=seed)
     loop = TrainingLoop(out, seed, resume)
     vae = train_autoencoder(loop, data, steps=autoencoder_steps)
-    latents = encode_corpus(vae, data, out / f"latents-{pictures}-{seed}-{autoencoder_steps}.pt")
-    return train_denoiser(loop, vae, latents, data, steps=denoiser_steps, batch=batch)
+    data = data.first(encoded)
+    latents = encode_corpus(vae, data, out / f"latents-{encoded}-{seed}-{autoencoder_steps}.pt")
+    tokenizer = architecture.word_pieces(data.captions)
+    denoiser = Denoiser(tokenizer)
+    words = denoiser.tokens(data.captions, tokenizer)
+    denoiser = train_denoiser(loop, denoiser, latents, words, steps=denoiser_steps, batch=batch)
+    return save_pipeline(out / "pipeline", vae, denoiser, tokenizer)
 
 
 def train_autoencoder(
@@ -92,7 +97,7 @@ def encode_corpus(
         means = torch.load(file, weights_only=True)
     else:
         chunks = []
-        for i in range(0, len(data.pictures), 8):
+        for i in track(range(0, len(data.pictures), 8), "encoding textures"):
             images = _signed(torch.from_numpy(data.pictures[i : i + 8].copy()))
             chunks.append(vae.encode(images).latent_dist.mean.half())
         means = torch.cat(chunks)
@@ -103,80 +108,21 @@ def encode_corpus(
     return means.float() * scale
 
 
-class ImagePrompt(nn.Module):
-    """Describes latents by as many tokens as F_adv has: token k speaks of the k-th eighth.
-
-    Needed in training only.
-    """
-
-    def __init__(self, tokens: int = FEATURE_TOKENS) -> None:
-        super().__init__()
-        self.tokens = tokens
-        self.project = nn.Parameter(torch.randn(tokens, 4 * tokens, architecture.TEXT_WIDTH))
-
-    def forward(
-        self, latents: Float[Tensor, "batch 4 32 32"], generator: torch.Generator
-    ) -> Float[Tensor, "batch tokens width"]:
-        """Return tokens in [−1, 1]; all zero for half of the batch, a quarter of the others."""
-        coarse = F.adaptive_avg_pool2d(latents, self.tokens).permute(0, 2, 1, 3).flatten(2)
-        scale = (4 * self.tokens) ** -0.5
-        tokens = torch.tanh(scale * torch.einsum("bkc,kcw->bkw", coarse, self.project))
-        silent = torch.rand(len(latents), 1, 1, generator=generator) < 0.5
-        dropped = torch.rand(len(latents), self.tokens, 1, generator=generator) < 0.25
-        return tokens.masked_fill(silent | dropped, 0.0)
-
-
-def train_denoiser(
-    loop: TrainingLoop,
-    vae: AutoencoderKL,
-    latents: Float[Tensor, "pictures 4 32 32"],
-    data: Corpus,
-    *,
-    steps: int,
-    batch: int,
+def save_pipeline(
+    folder: Path, vae: AutoencoderKL, denoiser: Denoiser, tokenizer: CLIPTokenizer
 ) -> Path:
-    """Train text encoder and U-Net together on v-prediction and save the whole pipeline."""
-    tokenizer = architecture.word_pieces(data.captions)
-    parts = nn.ModuleDict(
-        {
-            "text_encoder": architecture.text_encoder(tokenizer),
-            "unet": architecture.denoiser(),
-            "image_prompt": ImagePrompt(),
-        }
-    )
-    noise_schedule = architecture.scheduler()
-    pad = {"padding": "max_length", "return_tensors": "pt"}
-    words = tokenizer(data.captions, **pad).input_ids
-    nothing = tokenizer("", **pad).input_ids
-
-    def loss(generator: torch.Generator) -> Tensor:
-        chosen = torch.randint(len(latents), (batch,), generator=generator)
-        clean = latents[chosen]
-        # classifier-free guidance (Ho & Salimans 2022): sometimes neither text nor F_adv
-        blind = torch.rand(batch, 1, generator=generator) < 0.1
-        text = parts["text_encoder"](torch.where(blind, nothing, words[chosen])).last_hidden_state
-        extra = parts["image_prompt"](clean, generator).masked_fill(blind[..., None], 0.0)
-        alone = torch.rand((), generator=generator) < 0.1  # without F_adv there are 77 tokens
-        condition = text if alone else torch.cat([extra, text], dim=1)
-        times = torch.randint(len(noise_schedule.betas), (batch,), generator=generator)
-        noise = torch.randn(clean.shape, generator=generator)
-        noisy = noise_schedule.add_noise(clean, noise, times)
-        velocity = noise_schedule.get_velocity(clean, noise, times)
-        return F.mse_loss(parts["unet"](noisy, times, condition).sample, velocity)
-
-    trained = loop.run("denoiser", parts, loss, steps=steps, learning_rate=1e-3, average=0.998)
+    """Write everything in diffusers format, weights as float16, in place of what was there."""
     pipeline = StableDiffusionPipeline(
         vae=vae,
-        text_encoder=trained["text_encoder"].eval(),
+        text_encoder=denoiser.text_encoder.eval(),
         tokenizer=tokenizer,
-        unet=trained["unet"].eval(),
-        scheduler=noise_schedule,
+        unet=denoiser.unet.eval(),
+        scheduler=denoiser.schedule,
         safety_checker=None,
         feature_extractor=None,
         requires_safety_checker=False,
     )
-    folder = loop.folder / "pipeline"
-    unfinished = loop.folder / "pipeline.tmp"
+    unfinished = folder.with_suffix(".tmp")
     shutil.rmtree(unfinished, ignore_errors=True)
     pipeline.to(dtype=torch.float16).save_pretrained(unfinished, safe_serialization=True)
     shutil.rmtree(folder, ignore_errors=True)

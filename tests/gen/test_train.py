@@ -4,8 +4,9 @@ from torch import nn
 
 from cnca.errors import NonFiniteError, RunError
 from cnca.gen import architecture, corpus
+from cnca.gen.denoiser import ImagePrompt
 from cnca.gen.sampling import DiffusionTextureGenerator
-from cnca.gen.train import ImagePrompt, train_generator
+from cnca.gen.train import train_generator
 from cnca.gen.training_loop import TrainingLoop
 
 
@@ -42,7 +43,7 @@ def test_image_prompts_lie_in_the_box_and_are_often_silent():
 
 
 def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
-    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": 2, "batch": 2}
+    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1), "batch": 2}
     folder = train_generator(tmp_path, seed=1, **options)
     generator = DiffusionTextureGenerator.load(folder, steps=1)
     assert generator.feature_shape == (8, 128)
