@@ -11,9 +11,9 @@ import torch
 
 from cnca.color import srgb_to_linear
 from cnca.detect import BUILTIN, BUILTIN_CONFIG, load_detector
-from cnca.errors import CncaError, SceneError, did_you_mean
+from cnca.errors import CncaError, MeshError, SceneError, did_you_mean
 from cnca.paint import Paint
-from cnca.protocols import Detector, Renderer, TextureGenerator
+from cnca.protocols import Detector, Renderer, Residual, TextureGenerator
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
 from cnca.scene.images import read_mask, read_texture_srgb
@@ -30,8 +30,17 @@ SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
 def build_vehicle(scene: Scene) -> Vehicle:
     """The scene's vehicle, facing +x and standing on z = 0."""
     section = scene.vehicle
+    path = scene.base / section.mesh
+    if section.missing and not path.exists():
+        raise MeshError(f"{path}: no such file; {section.missing}")
     return resolve_vehicle(
-        section.mesh, scene.base, up=section.up, front=section.front, scale=section.scale
+        section.mesh,
+        scene.base,
+        up=section.up,
+        front=section.front,
+        scale=section.scale,
+        materials=section.materials,
+        unwrap=section.unwrap,
     )
 
 
@@ -127,6 +136,15 @@ def build_generator(path: Path | None, *, tokens: int, guidance: float) -> Textu
     from cnca.gen.sampling import DiffusionTextureGenerator
 
     return DiffusionTextureGenerator.load(path, tokens=tokens, guidance=guidance)
+
+
+def build_residual(path: Path | None) -> Residual | None:
+    """The trained EFR in a safetensors file; without a path nothing of it is even imported."""
+    if path is None:
+        return None
+    from cnca.efr.unet import EnvironmentFeatureRenderer
+
+    return EnvironmentFeatureRenderer.load(path)
 
 
 def build_detector(spec: str) -> Detector:

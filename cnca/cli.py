@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -87,6 +88,7 @@ def optimize(
     generator: Annotated[
         Path | None, typer.Option(help="Folder in diffusers format; by default the shipped one.")
     ] = None,
+    efr: Annotated[Path | None, typer.Option(help="Trained EFR that corrects renders.")] = None,
     tokens: Annotated[int, typer.Option(help="Tokens of F_adv.")] = 8,
     guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 4.0,
     spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 8,
@@ -112,6 +114,7 @@ def optimize(
             settings,
             backend=backend,
             generator=generator,
+            efr=efr,
             samples=spp,
             tokens=tokens,
             guidance=guidance,
@@ -164,6 +167,8 @@ def train_detector(
 
 def main() -> None:
     """Run the command line; bad input ends with one line on stderr and exit code 2."""
+    # torch's idle threads spin by default, on the cores that Dr.Jit's threads then need.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         app(prog_name="cnca")
     except Exception as error:

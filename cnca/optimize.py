@@ -23,14 +23,16 @@ import torch
 from torch import Tensor
 
 from cnca.color import linear_to_srgb
-from cnca.errors import DetectorError, NonFiniteError
+from cnca.errors import DetectorError, NonFiniteError, RunError
 from cnca.gen.feature import initial, project
 from cnca.loss import detection_loss
 from cnca.paint import Paint
 from cnca.protocols import Detector, Renderer, Residual, TextureGenerator
+from cnca.scene.cameras import View
 from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views, draw_weathers
-from cnca.types import SrgbTexture
+from cnca.scene.weather import Weather
+from cnca.types import LinearImages, LinearTexture, SrgbTexture
 
 WEATHERS = 16
 """Weathers that the steps take in turn, as many as the paper's data sets have."""
@@ -51,6 +53,12 @@ class Settings:
     start_spread: float = 0.1
     """Standard deviation of F_adv at the start: equal tokens would stay equal for ever."""
 
+    def __post_init__(self) -> None:
+        """Raises RunError for counts and sizes that make no attack."""
+        for name in ("steps", "views_per_step", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise RunError(f"{name} is {getattr(self, name)}: give a number above 0")
+
 
 @dataclass(frozen=True)
 class Attack:
@@ -69,6 +77,17 @@ class Attack:
         """T_adv for one F_adv; the initial noise belongs to the seed and never changes."""
         noise = torch.Generator().manual_seed(seed)
         return self.generator.generate(text_feature, feature, noise)
+
+    def render(
+        self, albedo: LinearTexture, views: list[View], weather: Weather, seed: int
+    ) -> LinearImages:
+        """The images that the detector sees, corrected by the residual where there is one."""
+        images = self.renderer.render(albedo, views, weather, seed=seed)
+        if self.residual is None:
+            return images
+        with torch.no_grad():  # X_ref: the same views of the vehicle in its own paint
+            reference = self.renderer.render(self.paint.apply(), views, weather, seed=seed)
+        return self.residual(images, reference)
 
 
 @dataclass
@@ -116,9 +135,7 @@ def optimize(
         with clock("generate"):
             albedo = attack.paint.apply(attack.texture(text_feature, feature, settings.seed))
         with clock("render"):
-            images = attack.renderer.render(albedo, views, weather, seed=seed)
-            if attack.residual is not None:
-                images = attack.residual(images, images.detach())
+            images = attack.render(albedo, views, weather, seed)
         with clock("detect"):
             candidates = attack.detector.candidates(linear_to_srgb(images))
         loss, scores = detection_loss(candidates, boxes, attack.label)

@@ -44,6 +44,7 @@ class Request:
     settings: Settings
     backend: str = "mitsuba"
     generator: Path | None = None
+    efr: Path | None = None
     samples: int = 8
     """Rays per pixel in the loop; the verdict takes the scene's own number."""
     tokens: int = 8
@@ -85,6 +86,7 @@ def _assemble(request: Request, scene: Scene) -> Attack:
         ),
         detector=detector,
         label=build.vehicle_label(detector.class_names),
+        residual=build.build_residual(request.efr),
     )
 
 

@@ -44,12 +44,18 @@ class VehicleSection(Section):
 
     mesh: str = "builtin:sedan"
     """``builtin:NAME`` or the path of an OBJ, PLY, glTF or GLB file."""
+    missing: str | None = None
+    """What to tell a user who does not have the mesh: what to put where."""
     up: Literal["x", "y", "z"] = "y"
     """The file's upward axis."""
     front: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+x"
     """The file's forward axis."""
     scale: Positive = 1.0
     """Metres per unit of the file."""
+    unwrap: bool = False
+    """Give the paint new UVs: for meshes whose texture coordinates overlap or are missing."""
+    materials: dict[str, str] = Field(default_factory=dict)
+    """The file's material names → ours; names left out are guessed."""
     paint_mask: str | None = None
     """Picture in UV space, white where there is paint; without it every textured texel is paint."""
     base_texture: str | None = None
@@ -108,7 +114,7 @@ class CarlaCamera(Section):
     carla: str
     fov: FieldOfView = 90.0
     lift: Coordinate = 0.0
-    """Metres by which the vehicle stands above CARLA's ground."""
+    """Our z = 0 above CARLA's vehicle location in metres; negative where it lies below."""
 
 
 Range = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_ascending)]

@@ -1,0 +1,1 @@
+"""The environment feature renderer (EFR): an optional residual corrector of rendered images."""

@@ -1,0 +1,57 @@
+import pytest
+import torch
+
+from cnca.efr.unet import EnvironmentFeatureRenderer, weighted_bce
+from cnca.errors import CncaError
+from cnca.protocols import Residual
+
+
+def pictures(seed: int, height: int = 37, width: int = 50) -> torch.Tensor:
+    return torch.rand(2, 3, height, width, generator=torch.Generator().manual_seed(seed))
+
+
+def test_is_the_identity_before_training_at_odd_sizes():
+    images = pictures(0)
+    assert torch.equal(EnvironmentFeatureRenderer()(images, pictures(1)), images)
+
+
+def test_is_a_residual():
+    assert isinstance(EnvironmentFeatureRenderer(), Residual)
+
+
+def test_learns_a_tint():
+    torch.manual_seed(0)
+    efr, images = EnvironmentFeatureRenderer((4, 8)), pictures(0)
+    truth = images * 0.5
+    optimizer = torch.optim.Adam(efr.parameters(), lr=0.02)
+    for _ in range(60):
+        optimizer.zero_grad()
+        (efr(images, images) - truth).abs().mean().backward()
+        optimizer.step()
+    before = (images - truth).abs().mean()
+    assert (efr(images, images) - truth).abs().mean() < 0.2 * before
+
+
+def test_saved_weights_come_back(tmp_path):
+    torch.manual_seed(1)
+    efr = EnvironmentFeatureRenderer()
+    torch.nn.init.normal_(efr.maps.weight)
+    efr.save(tmp_path / "efr.safetensors")
+    images, reference = pictures(2), pictures(3)
+    again = EnvironmentFeatureRenderer.load(tmp_path / "efr.safetensors")
+    assert torch.equal(again(images, reference), efr(images, reference))
+
+
+def test_other_files_are_refused_in_one_line(tmp_path):
+    (tmp_path / "efr.safetensors").write_bytes(b"not weights")
+    with pytest.raises(CncaError, match=r"efr\.safetensors: no EFR weights"):
+        EnvironmentFeatureRenderer.load(tmp_path / "efr.safetensors")
+
+
+def test_small_vehicles_weigh_more():
+    truth = pictures(4).clamp(0.1, 0.9)
+    wide, narrow = torch.zeros(2, 1, 37, 50), torch.zeros(2, 1, 37, 50)
+    wide[..., :40], narrow[..., :10] = 1, 1
+    ratio = weighted_bce(truth, truth, narrow) / weighted_bce(truth, truth, wide)
+    assert ratio.item() == pytest.approx(4.0, rel=1e-5)
+    assert torch.isfinite(weighted_bce(truth, truth, torch.zeros_like(wide)))
