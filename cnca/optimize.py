@@ -150,7 +150,7 @@ def optimize(
             feature.copy_(project(feature, settings.tau))
 
         progress.step += 1
-        record = {"step": progress.step, "loss_adv": float(loss), "D_s": float(scores.mean())}
+        record = {"step": progress.step, "loss_adv": loss.item(), "D_s": scores.mean().item()}
         after_step(progress, record | clock.seconds())
     return feature.detach()
 

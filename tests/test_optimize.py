@@ -1,0 +1,138 @@
+"""The loop, with parts so simple that the outcome is known."""
+
+from dataclasses import dataclass
+
+import pytest
+import torch
+
+from cnca.errors import DetectorError, GeneratorError, NonFiniteError, RunError
+from cnca.optimize import Attack, Settings, optimize, start
+from cnca.paint import Paint
+from cnca.protocols import Detector, Renderer, TextureGenerator
+from cnca.scene.schema import Scene
+from cnca.types import Candidates
+
+
+@dataclass
+class GreyGenerator:
+    """A texture whose grey level is a sigmoid of the sum of F_adv."""
+
+    feature_shape: tuple[int, int] = (2, 3)
+
+    def encode(self, prompt):
+        return torch.zeros(2, 3)
+
+    def generate(self, text_feature, adversarial_feature, generator):
+        return adversarial_feature.sum().sigmoid().expand(3, 4, 4)
+
+
+class FlatRenderer:
+    """Every pixel of every view is the mean albedo."""
+
+    def render(self, albedo, views, weather, *, seed):
+        return albedo.mean().expand(len(views), 3, 8, 8)
+
+    def vehicle_boxes(self, views):
+        return torch.tensor([[1.0, 1.0, 6.0, 6.0]]).expand(len(views), 4)
+
+
+@dataclass
+class BrightnessDetector:
+    """Finds the vehicle, exactly, with a confidence that is the picture's brightness."""
+
+    name: str = "brightness"
+    class_names: tuple[str, ...] = ("car",)
+    differentiable: bool = True
+    broken: bool = False
+
+    def candidates(self, images):
+        score = images.mean(dim=(1, 2, 3))[:, None]
+        score = score * float("nan") if self.broken else score
+        boxes = torch.tensor([[[1.0, 1.0, 6.0, 6.0]]]).expand(len(images), 1, 4)
+        return Candidates(boxes, torch.ones_like(score), score[..., None])
+
+    def detect(self, images, *, score_threshold=0.25, iou_threshold=0.45):
+        raise NotImplementedError
+
+
+def attack(**detector) -> Attack:
+    paint = Paint(torch.full((3, 4, 4), 0.5), torch.ones(1, 4, 4))
+    parts = FlatRenderer(), paint, GreyGenerator(), BrightnessDetector(**detector)
+    return Attack(Scene(), *parts, label=0)
+
+
+def run(settings: Settings, progress=None, stop_after: int | None = None):
+    records = []
+
+    def after_step(progress, record):
+        records.append(record)
+        if record["step"] == stop_after:
+            raise KeyboardInterrupt
+
+    attacked = attack()
+    progress = progress or start(attacked, settings)
+    try:
+        optimize(attacked, settings, progress, after_step)
+    except KeyboardInterrupt:
+        assert stop_after is not None
+    return progress, records
+
+
+def test_fakes_keep_the_contracts():
+    attacked = attack()
+    assert isinstance(attacked.renderer, Renderer)
+    assert isinstance(attacked.generator, TextureGenerator)
+    assert isinstance(attacked.detector, Detector)
+
+
+def test_lowers_the_score_and_says_so():
+    _, records = run(Settings("grey", tau=1.0, steps=12, learning_rate=0.1))
+    assert records[-1]["D_s"] < 0.6 * records[0]["D_s"]
+    assert [record["step"] for record in records] == list(range(1, 13))
+    assert records[0]["seconds_total"] >= records[0]["seconds_render"] > 0
+
+
+def test_first_adam_step_is_the_learning_rate():
+    settings = Settings("grey", tau=1.0, steps=1, learning_rate=0.02, start_spread=0.0)
+    progress, _ = run(settings)
+    assert torch.allclose(progress.feature, torch.full((2, 3), -0.02), atol=1e-6)
+
+
+def test_kappa_bounds_every_element():
+    progress, _ = run(Settings("grey", tau=0.05, steps=10, learning_rate=0.1))
+    assert progress.feature.abs().max().item() == pytest.approx(0.05)
+
+
+def test_an_interrupted_run_ends_as_if_it_had_not_been():
+    settings = Settings("grey", tau=1.0, steps=8, learning_rate=0.1)
+    whole, _ = run(settings)
+    part, records = run(settings, stop_after=3)
+    assert len(records) == 3
+    again, _ = run(settings, part)
+    assert again.step == 8
+    assert torch.equal(again.feature, whole.feature)
+
+
+def test_black_boxes_are_refused():
+    attacked = attack(differentiable=False)
+    settings = Settings("grey")
+    with pytest.raises(DetectorError, match="gives no gradient"):
+        optimize(attacked, settings, start(attacked, settings), lambda *_: None)
+
+
+def test_a_gradient_that_is_not_finite_names_step_and_seed():
+    attacked = attack(broken=True)
+    settings = Settings("grey", seed=3)
+    with pytest.raises(NonFiniteError, match=r"step 0 \(seed 3000009\)"):
+        optimize(attacked, settings, start(attacked, settings), lambda *_: None)
+
+
+def test_a_negative_bound_is_refused():
+    with pytest.raises(GeneratorError, match="tau is -1"):
+        start(attack(), Settings("grey", tau=-1.0))
+
+
+@pytest.mark.parametrize("wrong", [{"steps": 0}, {"views_per_step": 0}, {"learning_rate": -1.0}])
+def test_empty_attacks_are_refused(wrong):
+    with pytest.raises(RunError, match="above 0"):
+        Settings("grey", **wrong)
