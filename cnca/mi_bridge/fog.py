@@ -26,7 +26,7 @@ from cnca.mi_bridge.light import Light, sky_directions, sky_solid_angles
 from cnca.scene.weather import Fog
 
 ROWS, COLUMNS, LEVELS = 24, 32, 24
-TOLERANCE = 1e-4
+TOLERANCE = 1e-5
 """Relative residual at which the transfer equation counts as solved."""
 
 
@@ -131,7 +131,9 @@ class _Layer:
         average = np.where(steps < 1e-12, 1.0, -np.expm1(-steps) / np.maximum(steps, 1e-12))
         # Weights of a source, linear in τ, at the far and at the near end of a step.
         self.far, self.near = average - self.transmitted, 1 - average
-        self.to_irradiance = np.where(self.looks_up, self.mu, 0.0) * weights
+        # ∫ cos dω is π on the grid too, or white ground gains energy and thick fog amplifies it.
+        cosine = np.where(self.looks_up, self.mu, 0.0) * weights
+        self.to_irradiance = np.pi * cosine / cosine.sum()
         self.ground_albedo = ground_albedo
 
     def first_scattering(

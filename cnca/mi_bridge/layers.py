@@ -18,7 +18,7 @@ from cnca.types import Boxes
 
 MASK_SAMPLES = 8
 INSIDE_SHARE = 0.95
-"""A camera that sees the vehicle in more than this share of all directions is inside of it."""
+"""A camera that sees the vehicle in more than this share of the sky is inside of it."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ def mask_boxes(mask: Float[np.ndarray, "views height width"], views: Sequence[Vi
 
 
 def refuse_inside(geometry: Geometry, view: View, directions: int = 256) -> None:
-    """Raise SceneError where the camera is inside the vehicle."""
+    """Raise SceneError where the camera is inside the vehicle, which may be open at the bottom."""
     k = np.arange(directions) + 0.5
-    cosine, angle = 1 - 2 * k / directions, k * np.pi * (3 - np.sqrt(5))  # Fibonacci sphere
+    cosine, angle = k / directions, k * np.pi * (3 - np.sqrt(5))  # Fibonacci hemisphere
     sine = np.sqrt(1 - cosine**2)
     d = mi.Vector3f(sine * np.cos(angle), sine * np.sin(angle), cosine)
     si = geometry.scene.ray_intersect(mi.Ray3f(mi.Point3f(*view.origin), d))

@@ -120,7 +120,9 @@ def _disc(centre: Float[np.ndarray, "3"], rings: int = 64) -> Float[np.ndarray, 
     k = np.arange(rings) + 0.5
     cosine = 1 - k / rings * (1 - math.cos(SUN_HALF_ANGLE))
     sine, angle = np.sqrt(1 - cosine**2), k * np.pi * (3 - math.sqrt(5))
-    frame = mi.Frame3f(mi.Normal3f(*centre.tolist()))
+    axis = mi.Normal3f(*centre.tolist())
+    dr.make_opaque(axis)  # another sun needs no other kernel
+    frame = mi.Frame3f(axis)
     local = mi.Vector3f(sine * np.cos(angle), sine * np.sin(angle), cosine)
     return np.array(frame.to_world(local)).T
 

@@ -58,6 +58,6 @@ def _draw(spans: list[tuple[float, float]], count: int, seed: int, start: int) -
     if start:
         sequence.fast_forward(start)
     # A Sobol sequence wants powers of two at once; one at a time it is the same sequence.
-    points = np.concatenate([sequence.random(1) for _ in range(count)])
+    points = np.array([sequence.random(1)[0] for _ in range(count)]).reshape(count, len(spans))
     low, high = np.array(spans).T
     return (low + points * (high - low)).tolist()

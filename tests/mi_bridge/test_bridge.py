@@ -1,0 +1,193 @@
+"""Gradients through the renderer, wherever binding a texture to a scene has gone wrong before."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+
+import pytest
+import torch
+
+from cnca.errors import NonFiniteError, TextureError
+from cnca.mi_bridge import renderer as renderer_module
+from cnca.mi_bridge.variant import dr
+from cnca.scene.weather import Fog, Weather
+from tests.mi_bridge.conftest import orbit
+
+CLEAR = Weather()
+FOGGY = Weather(fog=Fog(visibility=60.0, height=60.0))
+WEATHERS = pytest.mark.parametrize("weather", [CLEAR, FOGGY], ids=["clear", "fog"])
+SEED = 7
+
+
+def random_texture(seed: int = 0) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.rand(3, 8, 8, generator=generator) * 0.8 + 0.1
+
+
+def gradient(renderer, texture, weather=CLEAR, seed=SEED, view=None) -> torch.Tensor:
+    texture = texture.detach().clone().requires_grad_()
+    renderer.render(texture, [view or orbit()], weather, seed=seed).sum().backward()
+    return texture.grad
+
+
+def assert_same(a: torch.Tensor, b: torch.Tensor) -> None:
+    """Equal but for the order in which parallel sums were taken."""
+    torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-4 * float(b.abs().max()))
+
+
+@WEATHERS
+def test_two_renders_and_one_backward_give_the_sum(renderer, weather):
+    texture = random_texture().requires_grad_()
+    first = renderer.render(texture, [orbit(35)], weather, seed=1)
+    second = renderer.render(texture, [orbit(200)], weather, seed=2)
+    (first.sum() + second.sum()).backward()
+    separate = gradient(renderer, texture, weather, 1, orbit(35))
+    separate = separate + gradient(renderer, texture, weather, 2, orbit(200))
+    assert_same(texture.grad, separate)
+
+
+def test_a_render_without_gradient_in_between_changes_nothing(renderer):
+    texture = random_texture().requires_grad_()
+    image = renderer.render(texture, [orbit()], CLEAR, seed=SEED)
+    with torch.no_grad():
+        renderer.render(random_texture(1), [orbit(200)], CLEAR, seed=3)
+    image.sum().backward()
+    assert_same(texture.grad, gradient(renderer, texture))
+
+
+@WEATHERS
+def test_another_weather_and_texture_before_backward_change_nothing(renderer, weather):
+    texture = random_texture().requires_grad_()
+    image = renderer.render(texture, [orbit()], weather, seed=SEED)
+    noon = Weather(sun_altitude=80, sun_scale=10, fog=Fog(20.0, 10.0))
+    renderer.render(random_texture(1).requires_grad_(), [orbit(200)], noon, seed=3)
+    image.sum().backward()
+    assert_same(texture.grad, gradient(renderer, texture, weather))
+
+
+@pytest.mark.parametrize("kind", ["parameter", "float64", "bfloat16", "not contiguous"])
+def test_every_kind_of_tensor_gets_a_gradient_of_its_own_kind(renderer, kind):
+    plain = random_texture().bfloat16().float()  # the same value in each precision
+    make = {
+        "parameter": torch.nn.Parameter,
+        "float64": lambda t: t.double().requires_grad_(),
+        "bfloat16": lambda t: t.bfloat16().requires_grad_(),
+        "not contiguous": lambda t: t.transpose(1, 2).contiguous().transpose(1, 2).requires_grad_(),
+    }
+    texture = make[kind](plain.clone())
+    renderer.render(texture, [orbit()], CLEAR, seed=SEED).sum().backward()
+    assert texture.grad.dtype == texture.dtype
+    expected = gradient(renderer, plain).to(texture.dtype)
+    torch.testing.assert_close(texture.grad, expected, rtol=1e-2, atol=1e-3)
+
+
+@WEATHERS
+def test_same_seed_same_image_bit_for_bit(renderer, weather):
+    def render(seed: int) -> torch.Tensor:
+        return renderer.render(random_texture(), [orbit()], weather, seed=seed)
+
+    assert torch.equal(render(5), render(5))
+    assert not torch.equal(render(5), render(6))
+
+
+def change_by_differences(renderer, low, high, weather, seeds) -> float:
+    """Mean of the image's sum under ``high`` minus that under ``low``, with common noise."""
+    with torch.no_grad():
+        sums = [
+            [renderer.render(t, [orbit()], weather, seed=s).double().sum() for t in (high, low)]
+            for s in seeds
+        ]
+    return float(sum(high - low for high, low in sums)) / len(seeds)
+
+
+def change_by_gradient(renderer, texture, step, weather, seeds) -> float:
+    """The same to first order: the gradient, averaged over seeds, times the step."""
+    slopes = [(gradient(renderer, texture, weather, s).double() * step).sum() for s in seeds]
+    return float(sum(slopes)) / len(seeds)
+
+
+@WEATHERS
+def test_gradient_of_a_patch_meets_central_differences(renderer, weather):
+    texture, step = random_texture(), torch.zeros(3, 8, 8)
+    step[:, 2:5, 0:6] = 0.05
+    seeds = range(12)
+    expected = change_by_differences(renderer, texture - step, texture + step, weather, seeds)
+    found = change_by_gradient(renderer, texture, 2 * step, weather, seeds)
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+@WEATHERS
+@pytest.mark.parametrize("edge", [0.0, 1.0])
+def test_gradient_is_right_at_the_ends_of_the_range(renderer, weather, edge):
+    texture = torch.full((3, 8, 8), edge)
+    step = torch.full((3, 8, 8), 0.04 if edge == 0 else -0.04)
+    seeds = range(12)
+    expected = change_by_differences(renderer, texture, texture + step, weather, seeds)
+    found = change_by_gradient(renderer, texture, step, weather, seeds)
+    assert abs(expected) > 0.1
+    assert found == pytest.approx(expected, rel=0.03)
+
+
+def test_new_seeds_views_and_weathers_need_no_new_kernels_and_no_memory(renderer):
+    def work(i: int) -> None:
+        fog = Fog(visibility=40.0 + i, height=50.0 + i) if i % 2 else None
+        weather = Weather(sun_altitude=30.0 + i, sun_azimuth=10.0 * i, fog=fog)
+        gradient(renderer, random_texture(i), weather, i, orbit(40.0 * i, 10.0 + i))
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for i in range(4):
+            work(i)
+        dr.kernel_history_clear()
+        variables = len(dr.whos(as_string=True).splitlines())
+        renderer._atmosphere.cache_clear()
+        for i in range(4, 12):
+            work(i)
+        kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+        renderer._atmosphere.cache_clear()
+        gc.collect()
+    assert kernels
+    assert not [kernel["operation_count"] for kernel in kernels if not kernel["cache_hit"]]
+    assert len(dr.whos(as_string=True).splitlines()) <= variables
+
+
+def test_a_render_is_forgotten_once_its_image_is(renderer, monkeypatch):
+    shots = []
+
+    class RememberedShot(renderer_module.Shot):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            shots.append(weakref.ref(self))
+
+    monkeypatch.setattr(renderer_module, "Shot", RememberedShot)
+    gradient(renderer, random_texture())
+    gc.collect()
+    assert [shot() for shot in shots] == [None]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [(float("nan"), "nan"), (-0.5, "-0.5"), (1.5, "1.5"), (float("inf"), "inf")],
+)
+def test_textures_outside_the_unit_range_are_refused(renderer, spoil, message):
+    texture = random_texture()
+    texture[1, 2, 3] = spoil
+    with pytest.raises(TextureError, match=message):
+        renderer.render(texture, [orbit()], CLEAR, seed=0)
+
+
+def test_textures_of_another_size_are_refused(renderer):
+    with pytest.raises(TextureError, match=r"\(3, 4, 4\).*\(3, 8, 8\)"):
+        renderer.render(torch.zeros(3, 4, 4), [orbit()], CLEAR, seed=0)
+
+
+def test_an_image_that_is_not_finite_is_reported_with_view_effect_and_seed(renderer, monkeypatch):
+    def broken(albedo, shot):
+        image = torch.zeros(shot.film_shape)
+        image[1, 0, 0, 0] = float("nan")
+        return image
+
+    monkeypatch.setattr(renderer_module, "render", broken)
+    views = [orbit(name="left"), orbit(name="right")]
+    with pytest.raises(NonFiniteError, match="view right in fog with seed 9"):
+        renderer.render(random_texture(), views, FOGGY, seed=9)
