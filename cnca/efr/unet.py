@@ -22,7 +22,7 @@ WIDTHS = (16, 32, 64)
 
 
 class EnvironmentFeatureRenderer(nn.Module):
-    """Corrects linear images of any size (batch, 3, height, width) towards their reference's look."""
+    """Corrects linear images (batch, 3, height, width) towards their reference's look."""
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS):
         super().__init__()

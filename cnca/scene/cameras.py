@@ -1,4 +1,4 @@
-"""Where the cameras stand.  World axes are right-handed: +x the vehicle's front, +y its left, +z up."""
+"""Where the cameras stand.  Right-handed axes: +x the vehicle's front, +y its left, +z up."""
 
 from __future__ import annotations
 

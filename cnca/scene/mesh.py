@@ -10,11 +10,11 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True)
 class Part:
-    """One piece of a vehicle with one material.  Metres, +x front, +y left, +z up, ground at z = 0."""
+    """One piece of a vehicle, of one material; metres, +x front, +y left, +z up, ground at 0."""
 
     name: str
     material: str
-    """A key of ``cnca.scene.materials.MATERIALS``: paint, glass, tyre, metal, light, tail_light, trim."""
+    """A key of ``cnca.scene.materials.MATERIALS``, such as paint or glass."""
     vertices: Float[np.ndarray, "vertices 3"]
     faces: Int[np.ndarray, "faces 3"]
     """Counter-clockwise seen from outside."""

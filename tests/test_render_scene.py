@@ -1,0 +1,103 @@
+"""``cnca render-scene``: pictures, layers and records."""
+
+import json
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+from cnca import cli
+
+SCENE = """
+vehicle: {mesh: builtin:sedan, paint: [0.1, 0.2, 0.8], texture_size: 32}
+cameras:
+  - {name: left, azimuth: 90, elevation: 10, distance: 8}
+  - {name: front, azimuth: 0, elevation: 10, distance: 8}
+image: {width: 48, height: 32, samples: 4}
+"""
+
+
+@pytest.fixture
+def cnca(monkeypatch, tmp_path):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+
+    def run(*arguments: str) -> None:
+        monkeypatch.setattr("sys.argv", ["cnca", "render-scene", str(scene), *arguments])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        assert not ended.value.code
+
+    return run
+
+
+def test_picture_and_record(cnca, tmp_path):
+    cnca("-o", str(tmp_path / "a.png"), "--seed", "3")
+    picture = cv2.imread(str(tmp_path / "a.png"))
+    assert picture.shape == (32, 48, 3)
+    record = json.loads((tmp_path / "a.json").read_text())
+    assert record["view"]["name"] == "left"
+    assert record["seed"] == 3
+    assert {row["effect"] for row in record["plan"]} >= {"fog", "sun", "sky", "interreflection"}
+    assert record["seconds"]["first"] > 0
+    assert record["seconds"]["steady"] > 0
+    assert record["versions"]["mitsuba"].startswith("3.9")
+    left, top, right, bottom = record["vehicle_box_xyxy"]
+    assert 0 <= left < right <= 48
+    assert 0 <= top < bottom <= 32
+    middle = picture[int(top + bottom) // 2, int(left + right) // 2].astype(int)
+    assert middle[0] > middle[2] + 20, "the blue paint is blue (OpenCV: blue first)"
+
+
+def test_layers_agree_with_each_other(cnca, tmp_path):
+    cnca("-o", str(tmp_path / "a.exr"))
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        layers = {name: channel.pixels for name, channel in file.channels().items()}
+    mask, depth = layers["mask"], layers["depth"]
+    covered = mask == 1
+    assert covered.any()
+    assert (mask == 0).any()
+    assert np.all((depth[covered] > 5) & (depth[covered] < 11))
+    normal = np.stack([layers[f"normal.{c}"] for c in "RGB"], axis=-1)
+    assert np.allclose(np.linalg.norm(normal[covered], axis=-1), 1, atol=1e-3)
+    record = json.loads((tmp_path / "a.json").read_text())
+    columns = np.flatnonzero((mask > 0).any(axis=0))
+    assert record["vehicle_box_xyxy"][0] == columns[0]
+    assert record["vehicle_box_xyxy"][2] == columns[-1] + 1
+    assert np.isfinite(layers["R"]).all()
+    assert layers["R"].min() >= 0
+    painted = (layers["uv.R"] > 0) & covered
+    blue = layers["albedo.B"][painted] - layers["albedo.R"][painted]
+    assert np.median(blue) > 0.3, "most of what has texture coordinates is blue paint"
+
+
+def test_every_view_has_its_file(cnca, tmp_path, capsys):
+    cnca("-o", str(tmp_path / "b.png"), "--all-views", "--json")
+    records = json.loads(capsys.readouterr().out)
+    assert [record["picture"] for record in records] == ["b_left.png", "b_front.png"]
+    assert (tmp_path / "b_left.png").exists()
+    assert (tmp_path / "b_front.json").exists()
+
+
+def test_the_seed_decides_the_noise(cnca, tmp_path):
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        cnca("-o", str(tmp_path / f"{name}.png"), "--seed", seed)
+    first, again, other = ((tmp_path / f"{n}.png").read_bytes() for n in "abc")
+    assert first == again
+    assert first != other
+
+
+def test_texture_is_the_paint(cnca, tmp_path):
+    cv2.imwrite(str(tmp_path / "green.png"), np.full((8, 8, 3), (0, 200, 0), np.uint8))
+    cnca("-o", str(tmp_path / "a.png"), "--texture", str(tmp_path / "green.png"))
+    left, top, right, bottom = json.loads((tmp_path / "a.json").read_text())["vehicle_box_xyxy"]
+    car = cv2.imread(str(tmp_path / "a.png"))[int(top) : int(bottom), int(left) : int(right)]
+    assert (car[..., 1].astype(int) > car[..., 2].astype(int) + 30).mean() > 0.15
+
+
+def test_explain_prints_the_plan(cnca, tmp_path, capsys):
+    cnca("-o", str(tmp_path / "a.png"), "--explain")
+    printed = capsys.readouterr().out
+    assert "interreflection" in printed
+    assert "the scene has no fog" in printed
