@@ -26,6 +26,7 @@ THRESHOLD = 0.25
 
 
 def main() -> None:
+    """Render the views, ask the detectors, print one line of JSON for each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path)
     parser.add_argument("--detector", action="append", required=True)
