@@ -1,4 +1,4 @@
-"""Text encoder and U-Net trained together, and the tokens that F_adv takes at attack time.
+"""Training of the U-Net on text, and on the tokens that F_adv takes at attack time.
 
 Those tokens are trained as *image prompt* tokens (after the idea of IP-Adapter, Ye et al. 2023):
 in half of the samples they describe the picture coarsely, in the other half they are zero.  So
@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
-from transformers import CLIPTokenizer
+from transformers import CLIPTextModel, CLIPTokenizer
 
 from cnca.gen import architecture
 from cnca.gen.training_loop import TrainingLoop
@@ -53,30 +53,25 @@ class Denoiser(nn.Module):
 
     nothing: Tensor
 
-    def __init__(self, tokenizer: CLIPTokenizer) -> None:
+    def __init__(self, nothing: Float[Tensor, "77 width"]) -> None:
+        """``nothing`` is the feature of the empty prompt."""
         super().__init__()
-        self.text_encoder = architecture.text_encoder(tokenizer)
         self.unet = architecture.denoiser()
         self.image_prompt = ImagePrompt()
         self.schedule = architecture.scheduler()
-        self.register_buffer("nothing", self.tokens([""], tokenizer))
-
-    @staticmethod
-    def tokens(captions: Sequence[str], tokenizer: CLIPTokenizer) -> Int[Tensor, "captions 77"]:
-        """The padded word pieces of each caption."""
-        return tokenizer(list(captions), padding="max_length", return_tensors="pt").input_ids
+        self.register_buffer("nothing", nothing)
 
     def loss(
         self,
         clean: Float[Tensor, "batch 4 height width"],
-        words: Int[Tensor, "batch 77"],
+        text: Float[Tensor, "batch 77 width"],
         generator: torch.Generator,
     ) -> Tensor:
         """Mean squared error of the velocity at random times."""
         batch = len(clean)
-        blind = torch.rand(batch, 1, generator=generator) < BLIND
-        text = self.text_encoder(torch.where(blind, self.nothing, words)).last_hidden_state
-        extra = self.image_prompt(clean, generator).masked_fill(blind[..., None], 0.0)
+        blind = torch.rand(batch, 1, 1, generator=generator) < BLIND
+        text = torch.where(blind, self.nothing, text)
+        extra = self.image_prompt(clean, generator).masked_fill(blind, 0.0)
         alone = torch.rand((), generator=generator) < 0.1  # without F_adv there are 77 tokens
         condition = text if alone else torch.cat([extra, text], dim=1)
         times = torch.randint(len(self.schedule.betas), (batch,), generator=generator)
@@ -86,26 +81,36 @@ class Denoiser(nn.Module):
         return F.mse_loss(self.unet(noisy, times, condition).sample, velocity)
 
 
+@torch.no_grad()
+def text_features(
+    captions: Sequence[str], tokenizer: CLIPTokenizer, encoder: CLIPTextModel
+) -> Float[Tensor, "captions 77 width"]:
+    """F_txt of each caption."""
+    words = tokenizer(list(captions), padding="max_length", return_tensors="pt").input_ids
+    return torch.cat([encoder(chunk).last_hidden_state for chunk in words.split(64)])
+
+
 def train_denoiser(
     loop: TrainingLoop,
     denoiser: Denoiser,
     latents: Float[Tensor, "pictures 4 32 32"],
-    words: Int[Tensor, "pictures 77"],
+    text: Float[Tensor, "pictures 77 width"],
     *,
     steps: tuple[int, int],
     batch: int,
 ) -> Denoiser:
     """Learn words and patterns on quarter pictures, four times as fast, then on whole ones."""
     for side, count in zip((16, 32), steps, strict=True):
+        size = batch * 32 // side
 
-        def loss(generator: torch.Generator, side: int = side) -> Tensor:
-            chosen = torch.randint(len(latents), (batch,), generator=generator)
+        def loss(generator: torch.Generator, side: int = side, size: int = size) -> Tensor:
+            chosen = torch.randint(len(latents), (size,), generator=generator)
             top, left = torch.randint(33 - side, (2,), generator=generator).tolist()
             clean = latents[chosen, :, top : top + side, left : left + side]
-            return denoiser.loss(clean, words[chosen], generator)
+            return denoiser.loss(clean, text[chosen], generator)
 
         averaged = loop.run(
-            f"denoiser-{side}", denoiser, loss, steps=count, learning_rate=1e-3, average=0.995
+            f"denoiser-{side}", denoiser, loss, steps=count, learning_rate=1.5e-3, average=0.99
         )
         denoiser.load_state_dict(averaged.state_dict())
     return denoiser

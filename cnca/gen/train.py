@@ -1,4 +1,4 @@
-"""Training of the shipped generator: corpus → autoencoder → latents → text encoder and U-Net.
+"""Training of the shipped generator: corpus → autoencoder → latents → U-Net.
 
 The stages follow latent diffusion (Rombach et al. 2022).
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -14,11 +15,10 @@ from diffusers import AutoencoderKL, StableDiffusionPipeline
 from jaxtyping import Float
 from rich.progress import track
 from torch import Tensor
-from transformers import CLIPTokenizer
 
 from cnca.gen import architecture, corpus
 from cnca.gen.corpus import Corpus
-from cnca.gen.denoiser import Denoiser, train_denoiser
+from cnca.gen.denoiser import Denoiser, text_features, train_denoiser
 from cnca.gen.training_loop import TrainingLoop
 
 
@@ -30,7 +30,7 @@ def train_generator(
     pictures: int = 4000,
     encoded: int = 1536,
     autoencoder_steps: int = 650,
-    denoiser_steps: tuple[int, int] = (2000, 1400),
+    denoiser_steps: tuple[int, int] = (2500, 1200),
     batch: int = 8,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
@@ -47,10 +47,18 @@ def train_generator(
     data = data.first(encoded)
     latents = encode_corpus(vae, data, out / f"latents-{encoded}-{seed}-{autoencoder_steps}.pt")
     tokenizer = architecture.word_pieces(data.captions)
-    denoiser = Denoiser(tokenizer)
-    words = denoiser.tokens(data.captions, tokenizer)
-    denoiser = train_denoiser(loop, denoiser, latents, words, steps=denoiser_steps, batch=batch)
-    return save_pipeline(out / "pipeline", vae, denoiser, tokenizer)
+    encoder = architecture.text_encoder(tokenizer).eval()
+    denoiser = Denoiser(text_features([""], tokenizer, encoder)[0])
+    text = text_features(data.captions, tokenizer, encoder)
+    denoiser = train_denoiser(loop, denoiser, latents, text, steps=denoiser_steps, batch=batch)
+    return save_pipeline(
+        out / "pipeline",
+        vae=vae,
+        unet=denoiser.unet.eval(),
+        text_encoder=encoder,
+        tokenizer=tokenizer,
+        scheduler=denoiser.schedule,
+    )
 
 
 def train_autoencoder(
@@ -108,19 +116,10 @@ def encode_corpus(
     return means.float() * scale
 
 
-def save_pipeline(
-    folder: Path, vae: AutoencoderKL, denoiser: Denoiser, tokenizer: CLIPTokenizer
-) -> Path:
-    """Write everything in diffusers format, weights as float16, in place of what was there."""
+def save_pipeline(folder: Path, **parts: Any) -> Path:
+    """Write the parts in diffusers format, weights as float16, in place of what was there."""
     pipeline = StableDiffusionPipeline(
-        vae=vae,
-        text_encoder=denoiser.text_encoder.eval(),
-        tokenizer=tokenizer,
-        unet=denoiser.unet.eval(),
-        scheduler=denoiser.schedule,
-        safety_checker=None,
-        feature_extractor=None,
-        requires_safety_checker=False,
+        **parts, safety_checker=None, feature_extractor=None, requires_safety_checker=False
     )
     unfinished = folder.with_suffix(".tmp")
     shutil.rmtree(unfinished, ignore_errors=True)
