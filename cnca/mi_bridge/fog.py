@@ -9,8 +9,10 @@ I is the diffuse radiance (the sky that came through included), J the source fun
 droplets' albedo, p the phase function, E_s the sun's irradiance above the layer.  A ray of length
 ℓ through the fog then gathers ∫ σ_t exp(−σ_t s) J ds: fog costs a table look-up, not a random walk.
 
-Neglected, and to be measured against a full simulation: the shadow that the vehicle casts into
-the fog, and light that travels from paint to droplets and back.
+Neglected: the shadow that the vehicle casts into the fog, and the paint's own light, which forward
+scattering would keep in the vehicle's image.  Measured against ``volpath`` on a box at 6 m in 30 m
+visibility: paint of albedo 0.02 comes out 36 % too bright, of albedo 0.9 17 % too dark; in 100 m
+18 % and 11 %.  Over bare ground the field is right to 2 %.
 """
 
 from __future__ import annotations
