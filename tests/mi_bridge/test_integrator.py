@@ -294,7 +294,7 @@ def test_a_vehicle_in_fog_agrees_with_volpath(renderer, light, painted):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("visibility", "bound"), [(300, 0.03), (100, 0.06), (30, 0.10)])
+@pytest.mark.parametrize(("visibility", "bound"), [(300, 0.04), (100, 0.08), (30, 0.10)])
 def test_bias_of_a_vehicle_of_many_colours(renderer, light, painted, visibility, bound):
     fog = Fog(visibility, height=60)
     relative, error = vehicle_bias(renderer, light, fog, size=24, samples=256, runs=8)
