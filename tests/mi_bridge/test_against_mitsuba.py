@@ -1,0 +1,182 @@
+"""The path tracer against Mitsuba's own ``path`` and ``volpath``."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cnca.mi_bridge.integrator import Sky
+from cnca.mi_bridge.light import Light, make_light, sky_directions
+from cnca.mi_bridge.rays import Cameras
+from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.cameras import View
+from cnca.scene.weather import Fog, Weather
+from tests.mi_bridge.conftest import orbit
+from tests.mi_bridge.tracing import diffuse, picture, pixels, sampler_for, surroundings
+
+
+def as_envmap(sky: np.ndarray) -> dict:
+    """The same sky as Mitsuba's ``envmap``: y up, φ from −z to +x, here turned to z up."""
+    columns = sky.shape[1]
+    order = (columns // 4 - 1 - np.arange(columns)) % columns
+    turned = mi.ScalarTransform4f(
+        np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+    )
+    bitmap = mi.Bitmap(np.ascontiguousarray(sky[:, order], dtype=np.float32))
+    return {"type": "envmap", "bitmap": bitmap, "to_world": turned}
+
+
+def lit_by_mitsuba(scene: mi.Scene, light: Light, **more) -> mi.Scene:
+    shapes = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
+    sun = {
+        "type": "directional",
+        "direction": (-light.sun_direction).tolist(),
+        "irradiance": {"type": "rgb", "value": light.sun_irradiance.tolist()},
+    }
+    return mi.load_dict(
+        {"type": "scene", "sky": as_envmap(light.sky), "sun": sun, **shapes, **more}
+    )
+
+
+def mitsuba_picture(scene, integrator, views, *, samples, seed=1, medium=None) -> np.ndarray:
+    cameras = Cameras(views)
+    ray, _ = cameras.rays(samples, dr.opaque(mi.UInt32, seed))
+    sampler = sampler_for(cameras.lanes(samples), seed)
+    ray = mi.RayDifferential3f(ray)
+    radiance, _, _ = mi.load_dict(integrator).sample(scene, sampler, ray, medium)
+    return pixels(mi.Color3f(radiance), cameras, samples)
+
+
+def bias(found: list[np.ndarray], expected: list[np.ndarray]) -> tuple[float, float]:
+    """Relative difference of the means over runs of another seed each, and its standard error."""
+    ours, theirs = np.array([x.mean() for x in found]), np.array([x.mean() for x in expected])
+    error = np.hypot(ours.std(ddof=1), theirs.std(ddof=1)) / np.sqrt(len(found))
+    return float(ours.mean() / theirs.mean() - 1), float(error / theirs.mean())
+
+
+@pytest.fixture(scope="module")
+def light(renderer) -> Light:
+    return make_light(Weather(sun_altitude=40, sun_azimuth=75), renderer.ground_albedo)
+
+
+@pytest.fixture(scope="module")
+def painted(renderer) -> mi.Scene:
+    rng = np.random.default_rng(0)
+    renderer.geometry.bind(mi.TensorXf(rng.uniform(0.1, 0.9, (8, 8, 3)).astype(np.float32)))
+    return renderer.geometry.scene
+
+
+def test_the_envmap_of_these_tests_is_the_same_sky(light, painted):
+    scene = lit_by_mitsuba(painted, light)
+    d = sky_directions(40, 50).reshape(-1, 3)
+    d = mi.Vector3f(*np.float32(d[np.abs(d[:, 2]) > 0.1].T))  # the horizon is a jump
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(d))
+    si.wi = -d
+    theirs = np.array(scene.environment().eval(si))
+    ours = np.array(Sky(light).radiance(d, mi.Bool(True)))
+    np.testing.assert_allclose(ours, theirs, rtol=0.02, atol=0.002 * theirs.max())
+
+
+def test_clear_air_agrees_with_mitsubas_path(renderer, light, painted):
+    """The same pictures but for noise: z-scores of all pixels are those of chance."""
+    view, runs = orbit(35, 15, 6), range(8)
+    around = surroundings(light)
+    reference = lit_by_mitsuba(painted, light)
+    path = {"type": "path", "max_depth": 4, "rr_depth": 100, "hide_emitters": False}
+    ours = [picture(painted, around, [view], samples=128, bounces=3, seed=s)[0] for s in runs]
+    theirs = [mitsuba_picture(reference, path, [view], samples=128, seed=50 + s)[0] for s in runs]
+    difference = np.mean(ours, axis=0) - np.mean(theirs, axis=0)
+    variance = np.var(ours, axis=0, ddof=1) + np.var(theirs, axis=0, ddof=1)
+    on_vehicle = renderer.vehicle_mask([view])[0] == 1
+    z = (difference / np.sqrt(variance / len(runs) + 1e-12))[on_vehicle]
+    assert np.abs(z.mean()) < 0.3
+    assert z.std() < 1.6  # Student's t with 14 degrees of freedom, colours correlated
+    relative, error = bias([x[on_vehicle] for x in ours], [x[on_vehicle] for x in theirs])
+    assert abs(relative) < 0.005 + 3 * error
+
+
+def in_fog(scene: mi.Scene, light: Light, fog: Fog) -> tuple[mi.Scene, mi.Medium]:
+    """The scene lit by Mitsuba's emitters, in a box of droplets 6 km wide."""
+    medium = mi.load_dict(
+        {
+            "type": "homogeneous",
+            "albedo": fog.albedo,
+            "sigma_t": fog.extinction,
+            "phase": {"type": "hg", "g": fog.asymmetry},
+        }
+    )
+    low, high = -1.0, fog.height
+    to_world = mi.ScalarTransform4f().translate([0, 0, (low + high) / 2])
+    to_world = to_world @ mi.ScalarTransform4f().scale([3000, 3000, (high - low) / 2])
+    layer = {"type": "cube", "to_world": to_world, "bsdf": {"type": "null"}, "interior": medium}
+    return lit_by_mitsuba(scene, light, layer=layer), medium
+
+
+def fog_bias(scene, light, fog: Fog, view, where, *, samples: int, runs: int, ground=0.15):
+    """Bias against ``volpath`` on the pixels ``where``, and its standard error."""
+    reference, medium = in_fog(scene, light, fog)
+    volpath = {"type": "volpath", "max_depth": 128, "rr_depth": 64}
+    around = surroundings(light, fog, ground=ground)
+    ours, theirs = [], []
+    for seed in range(runs):
+        found = picture(scene, around, [view], samples=samples, bounces=4, seed=seed)
+        expected = mitsuba_picture(
+            reference, volpath, [view], samples=4 * samples, seed=50 + seed, medium=medium
+        )
+        ours.append(found[0][where])
+        theirs.append(expected[0][where])
+    return bias(ours, theirs)
+
+
+@pytest.mark.parametrize("target", [(10.0, 0.0, 3.0), (1.0, 0.0, 0.0)], ids=["level", "down"])
+def test_fog_over_bare_ground_agrees_with_volpath(light, target):
+    """No vehicle: here the plane-parallel field neglects nothing."""
+    wide = mi.ScalarTransform4f().scale([2000, 2000, 1])
+    ground = {"type": "disk", "to_world": wide, "bsdf": diffuse(0.15)}
+    scene = mi.load_dict({"type": "scene", "ground": ground})
+    view = View("bare", (0.0, 0.0, 3.0), target, (0.0, 0.0, 1.0), 20.0, 8, 8)
+    everywhere = np.full((8, 8), True)
+    fog = Fog(visibility=30, height=60)
+    relative, error = fog_bias(scene, light, fog, view, everywhere, samples=64, runs=6)
+    assert error < 0.03
+    assert abs(relative) < 0.02 + 3 * error
+
+
+def vehicle_bias(renderer, light, fog: Fog, *, size: int, samples: int, runs: int):
+    """Bias on the pixels that show nothing but the vehicle, 6 m away."""
+    view = orbit(35, 15, 6, width=size, height=size)
+    where = renderer.vehicle_mask([view])[0] == 1
+    scene = renderer.geometry.scene
+    return fog_bias(scene, light, fog, view, where, samples=samples, runs=runs)
+
+
+def test_a_vehicle_in_fog_agrees_with_volpath(renderer, light, painted):
+    fog = Fog(visibility=100, height=60)
+    relative, error = vehicle_bias(renderer, light, fog, size=12, samples=64, runs=6)
+    assert error < 0.03
+    assert abs(relative) < 0.05 + 3 * error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("visibility", "bound"), [(300, 0.04), (100, 0.08), (30, 0.10)])
+def test_bias_of_a_vehicle_of_many_colours(renderer, light, painted, visibility, bound):
+    fog = Fog(visibility, height=60)
+    relative, error = vehicle_bias(renderer, light, fog, size=24, samples=256, runs=8)
+    print(f"visibility {visibility} m: bias {relative:+.2%} ± {error:.2%}")
+    assert error < 0.01
+    assert abs(relative) < bound + 3 * error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("albedo", "low", "high"), [(0.02, 0.0, 0.45), (0.9, -0.25, 0.0)])
+def test_light_scattered_forwards_is_what_the_field_neglects(renderer, light, albedo, low, high):
+    """It leaves too little contrast: a dark vehicle comes out too bright, a bright one too dark.
+
+    Droplets scatter forwards, so most of the light that they take from the vehicle's image would
+    come back from another place of the vehicle; the field gives back the light of bare ground.
+    """
+    renderer.geometry.bind(mi.TensorXf(np.full((8, 8, 3), albedo, dtype=np.float32)))
+    fog = Fog(visibility=30, height=60)
+    relative, error = vehicle_bias(renderer, light, fog, size=12, samples=256, runs=8)
+    print(f"albedo {albedo}: bias {relative:+.2%} ± {error:.2%}")
+    assert low - 3 * error < relative < high + 3 * error
