@@ -79,7 +79,7 @@ def dots(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
 
 def snake(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
     """Overlapping diamond scales whose colours follow larger blotches."""
-    u, v = _rotated(rng, 0.55 * cell, max_angle=0.4)
+    u, v = _rotated(rng, 0.75 * cell, max_angle=0.4)
     a, b = u + 0.6 * v, u - 0.6 * v
     i, j = np.floor(a), np.floor(b)
     ridge = np.minimum(np.minimum(a - i, i + 1 - a), np.minimum(b - j, j + 1 - b))
@@ -98,13 +98,13 @@ def zebra(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
 
 def stripes(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
     """Straight bands at one angle."""
-    u, _ = _rotated(rng, 0.5 * cell)
+    u, _ = _rotated(rng, 0.7 * cell)
     return _soften(colours[np.floor(u).astype(int) % len(colours)])
 
 
 def plaid(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
     """Two sets of translucent bands woven at right angles, as in a tartan."""
-    u, v = _rotated(rng, cell, max_angle=0.1)
+    u, v = _rotated(rng, 2.0 * cell, max_angle=0.1)
     sett = colours[rng.integers(len(colours), size=6)]
     return 0.5 * (_soften(sett[_sixths(u)]) + _soften(sett[_sixths(v)]))
 

@@ -25,8 +25,8 @@ PAPER_PROMPTS = (
 )
 """The paper's table of prompts; never a whole caption in training, so they test composition."""
 
-SCALES = {"small": 26.0, "": 40.0, "large": 60.0}
-"""Scale words and the pattern's typical size in pixels of 256."""
+SCALES = {"small": 44.0, "": 64.0, "large": 92.0}
+"""Scale words and the pattern's typical size in pixels of 256: several latents of 8 pixels each."""
 
 
 @dataclass(frozen=True)
