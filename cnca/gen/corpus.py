@@ -19,10 +19,6 @@ class Corpus:
     pictures: np.ndarray
     captions: list[str]
 
-    def first(self, count: int) -> Corpus:
-        """The first ``count`` pictures, or all where there are fewer."""
-        return Corpus(self.pictures[:count], self.captions[:count])
-
 
 def prepare(folder: Path, *, count: int, seed: int) -> Corpus:
     """Return the corpus in ``folder``, painting it first unless it is there already."""

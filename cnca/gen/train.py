@@ -27,15 +27,13 @@ def train_generator(
     *,
     seed: int = 0,
     resume: bool = True,
-    pictures: int = 4000,
-    encoded: int = 1536,
+    pictures: int = 1536,
     autoencoder_steps: int = 650,
-    denoiser_steps: tuple[int, int] = (2500, 1200),
+    denoiser_steps: tuple[int, int] = (2000, 1800),
     batch: int = 8,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
 
-    The autoencoder learns from all ``pictures``, the denoiser from the first ``encoded``;
     ``denoiser_steps`` are those on quarter pictures and on whole ones.  Same arguments, same
     weights.  With ``resume``, stages and steps found in ``out`` are kept.
     """
@@ -44,8 +42,7 @@ def train_generator(
     data = corpus.prepare(out, count=pictures, seed=seed)
     loop = TrainingLoop(out, seed, resume)
     vae = train_autoencoder(loop, data, steps=autoencoder_steps)
-    data = data.first(encoded)
-    latents = encode_corpus(vae, data, out / f"latents-{encoded}-{seed}-{autoencoder_steps}.pt")
+    latents = encode_corpus(vae, data, out / f"latents-{pictures}-{seed}-{autoencoder_steps}.pt")
     tokenizer = architecture.word_pieces(data.captions)
     encoder = architecture.text_encoder(tokenizer).eval()
     denoiser = Denoiser(text_features([""], tokenizer, encoder)[0])
