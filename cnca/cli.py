@@ -83,15 +83,15 @@ def optimize(
     backend: Annotated[str, typer.Option(help="Renderer.")] = "mitsuba",
     tau: Annotated[float, typer.Option(help="Bound on each element of F_adv; inf for none.")] = 1.0,
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100,
-    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 4,
+    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 6,
     learning_rate: Annotated[float, typer.Option(help="Adam's step size.")] = 0.01,
     generator: Annotated[
         Path | None, typer.Option(help="Folder in diffusers format; by default the shipped one.")
     ] = None,
     efr: Annotated[Path | None, typer.Option(help="Trained EFR that corrects renders.")] = None,
-    tokens: Annotated[int, typer.Option(help="Tokens of F_adv.")] = 8,
+    tokens: Annotated[int, typer.Option(help="Tokens of F_adv.")] = 77,
     guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 4.0,
-    spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 8,
+    spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 4,
     held_out_views: Annotated[int, typer.Option(help="Views that judge the result.")] = 24,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     resume: Annotated[
@@ -152,8 +152,8 @@ def train_generator(
 @app.command("train-detector")
 def train_detector(
     out: Annotated[Path, typer.Option(help="Folder for pictures and weights.")],
-    pictures: Annotated[int, typer.Option(help="Pictures to render and learn from.")] = 1800,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 20,
+    pictures: Annotated[int, typer.Option(help="Pictures to render.")] = 1680,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 18,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted run.")

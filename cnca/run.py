@@ -45,9 +45,10 @@ class Request:
     backend: str = "mitsuba"
     generator: Path | None = None
     efr: Path | None = None
-    samples: int = 8
+    samples: int = 4
     """Rays per pixel in the loop; the verdict takes the scene's own number."""
-    tokens: int = 8
+    tokens: int = 77
+    """Tokens of F_adv: as many as the prompt has, or the shipped generator hardly hears them."""
     guidance: float = 4.0
     held_out_views: int = 24
     resume: bool = False

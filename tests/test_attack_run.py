@@ -1,0 +1,118 @@
+"""``cnca optimize`` with what ships: the run folder, and going on after an interruption."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+import torch
+from rich.console import Console
+
+from cnca import build, run
+from cnca.errors import RunError
+from cnca.gen.feature import StoredFeature
+from cnca.optimize import Settings
+
+SHIPPED = (
+    build.SHIPPED_GENERATOR / "model_index.json",
+    build.BUILTIN_CONFIG.with_suffix(".safetensors"),
+)
+pytestmark = pytest.mark.skipif(
+    not all(path.exists() for path in SHIPPED), reason="the shipped weights are not there"
+)
+SCENE = """
+vehicle: {mesh: builtin:sedan, texture_size: 64}
+variation: {distance: [6, 7], elevation: [10, 20]}
+image: {width: 64, height: 64, samples: 2}
+"""
+STEPS = 3
+
+
+class StopAfter:
+    """Raises KeyboardInterrupt in place of a checkpoint's successor, as Ctrl-C would."""
+
+    def __init__(self, monkeypatch, steps: int):
+        original, self.left = run._save, steps
+
+        def save(progress, checkpoint):
+            original(progress, checkpoint)
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(run, "_save", save)
+
+
+@pytest.fixture
+def request_for(tmp_path):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+
+    def make(name: str, *, resume: bool = False, steps: int = STEPS) -> run.Request:
+        settings = Settings("zebra strips", steps=steps, views_per_step=1, learning_rate=0.1)
+        return run.Request(
+            scene, "builtin", tmp_path / name, settings, samples=2, held_out_views=4, resume=resume
+        )
+
+    return make
+
+
+def quiet() -> Console:
+    return Console(quiet=True)
+
+
+def test_a_run_leaves_everything_and_resumes_bit_for_bit(request_for, monkeypatch):
+    whole = request_for("whole")
+    summary = run.run(whole, quiet())
+    with monkeypatch.context() as patch:
+        StopAfter(patch, 1)
+        with pytest.raises(KeyboardInterrupt):
+            run.run(request_for("parts"), quiet())
+    parts = request_for("parts", resume=True)
+    assert not (parts.out / "summary.json").exists()
+    again = run.run(parts, quiet())
+
+    assert again == summary
+    stored = [StoredFeature.load(r.out / "F_adv.safetensors") for r in (whole, parts)]
+    assert torch.equal(stored[0].feature, stored[1].feature)
+    assert stored[0].prompt == "zebra strips"
+    records = [json.loads(line) for line in (parts.out / "log.jsonl").read_text().splitlines()]
+    assert [record["step"] for record in records] == [1, 2, 3]
+    assert {"loss_adv", "D_s", "seconds_render", "seconds_backward"} <= set(records[0])
+    check_summary(summary)
+    check_folder(whole.out)
+
+    with pytest.raises(RunError, match="already holds a run"):
+        run.run(request_for("whole"), quiet())
+    with pytest.raises(RunError, match="was started with another settings"):
+        run.run(request_for("whole", resume=True, steps=9), quiet())
+
+
+def check_summary(summary):
+    for name in ("before", "prompt", "random", "shuffled", "after"):
+        assert 0 <= summary[f"score_{name}"] <= 1
+        per_view = summary["scores_per_view"][name]
+        assert len(per_view) == summary["held_out_views"] == 4
+        assert summary[f"score_{name}"] == pytest.approx(sum(per_view) / 4, abs=1e-3)
+
+
+def check_folder(out: Path):
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["request"]["settings"]["prompt"] == "zebra strips"
+    hashed = {Path(name).name for name in manifest["inputs"]}
+    assert {"scene.yaml", "builtin.safetensors", "model_index.json"} <= hashed
+    assert "<table>" in (out / "report.html").read_text()
+    for name in ("texture.png", "before_after.png", "curve.png"):
+        assert cv2.imread(str(out / name)) is not None
+
+
+def test_a_damaged_checkpoint_is_named(request_for, monkeypatch):
+    with monkeypatch.context() as patch:
+        StopAfter(patch, 1)
+        with pytest.raises(KeyboardInterrupt):
+            run.run(request_for("cut"), quiet())
+    request = request_for("cut", resume=True)
+    checkpoint = request.out / "checkpoint.pt"
+    checkpoint.write_bytes(checkpoint.read_bytes()[: checkpoint.stat().st_size // 2])
+    with pytest.raises(RunError, match=r"checkpoint\.pt: damaged"):
+        run.run(request, quiet())
