@@ -31,8 +31,8 @@ class EnvironmentFeatureRenderer(nn.Module):
         pairs = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.up = nn.ModuleList(_block(deep + skip, skip) for deep, skip in pairs)
         self.maps = nn.Conv2d(widths[0], 6, kernel_size=1)
-        nn.init.zeros_(self.maps.weight)
-        nn.init.zeros_(self.maps.bias)
+        for parameter in self.maps.parameters():
+            nn.init.zeros_(parameter)
 
     def forward(self, images: LinearImages, reference: LinearImages) -> LinearImages:
         """Return X_ren, ≥ 0; differentiable in both inputs."""
