@@ -2,7 +2,9 @@
 
 Those tokens are trained as *image prompt* tokens (after the idea of IP-Adapter, Ye et al. 2023):
 in half of the samples they describe the picture coarsely, in the other half they are zero.  So
-cross-attention listens to them, values in [−1, 1] are in its range, and zero means "no wish".
+the U-Net listens to them, values in [−1, 1] are in its range, and zero means "no wish".  They are
+added to padding tokens of the empty prompt: the U-Net normalises each token before it pools them,
+and around zero that would make the smallest F_adv as strong as the largest.
 """
 
 from __future__ import annotations
@@ -71,7 +73,8 @@ class Denoiser(nn.Module):
         batch = len(clean)
         blind = torch.rand(batch, 1, 1, generator=generator) < BLIND
         text = torch.where(blind, self.nothing, text)
-        extra = self.image_prompt(clean, generator).masked_fill(blind, 0.0)
+        wish = self.image_prompt(clean, generator).masked_fill(blind, 0.0)
+        extra = self.nothing[-wish.shape[1] :] + wish
         alone = torch.rand((), generator=generator) < 0.1  # without F_adv there are 77 tokens
         condition = text if alone else torch.cat([extra, text], dim=1)
         times = torch.randint(len(self.schedule.betas), (batch,), generator=generator)

@@ -45,7 +45,7 @@ class DiffusionTextureGenerator:
         *,
         tokens: int = 8,
         steps: int = 20,
-        guidance: float = 4.0,
+        guidance: float = 2.5,
         size: int | None = None,
         backprop_steps: int | None = None,
     ) -> None:
@@ -66,7 +66,7 @@ class DiffusionTextureGenerator:
         *,
         tokens: int = 8,
         steps: int = 20,
-        guidance: float = 4.0,
+        guidance: float = 2.5,
         size: int | None = None,
         backprop_steps: int | None = None,
         device: torch.device | str = "cpu",
@@ -109,9 +109,10 @@ class DiffusionTextureGenerator:
     ) -> SrgbTexture:
         """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size, size).
 
-        F_adv comes first, as in equation 8.  The unconditional branch reads as many tokens:
-        zeros for F_adv, then the empty prompt.  ``generator`` draws the initial noise; the same
-        state gives the same texture.
+        F_adv comes first, as in equation 8, each of its tokens added to a padding token of the
+        empty prompt: F_adv = 0 then asks for nothing, while a token of zeros would be none that
+        the model knows.  The unconditional branch reads as many tokens, with F_adv = 0.
+        ``generator`` draws the initial noise; the same state gives the same texture.
         """
         condition = self._condition(text_feature, adversarial_feature)
         latents = self._initial_noise(generator).to(condition)
@@ -129,7 +130,8 @@ class DiffusionTextureGenerator:
         tokens = [self._empty_feature.to(text_feature), text_feature]
         if adversarial_feature is not None:
             self._check(adversarial_feature)
-            extra = [torch.zeros_like(adversarial_feature), adversarial_feature]
+            neutral = tokens[0][-len(adversarial_feature) :]
+            extra = [neutral, neutral + adversarial_feature]
             tokens = [torch.cat(pair) for pair in zip(extra, tokens, strict=True)]
         return torch.stack(tokens if self._guidance > 1.0 else tokens[1:])
 
@@ -161,9 +163,11 @@ class DiffusionTextureGenerator:
 
     def _check(self, feature: Tensor) -> None:
         width = self.feature_shape[1]
-        if feature.ndim != 2 or feature.shape[1] != width:
+        most = len(self._empty_feature)
+        if feature.ndim != 2 or feature.shape[1] != width or not 1 <= len(feature) <= most:
             raise GeneratorError(
-                f"F_adv has shape {tuple(feature.shape)}, this generator reads (tokens, {width})"
+                f"F_adv has shape {tuple(feature.shape)}, "
+                f"this generator reads (1 to {most} tokens, {width})"
             )
         check_finite(feature)
 

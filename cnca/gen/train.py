@@ -29,7 +29,7 @@ def train_generator(
     resume: bool = True,
     pictures: int = 1536,
     autoencoder_steps: int = 650,
-    denoiser_steps: tuple[int, int] = (2000, 1300),
+    denoiser_steps: tuple[int, int] = (2000, 1800),
     batch: int = 8,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.

@@ -39,16 +39,17 @@ def test_agrees_with_the_pipeline_of_diffusers(tiny, guidance, schedule, with_fe
         tiny = dataclasses.replace(tiny, scheduler=DDIMScheduler(**schedule))
     sampler = DiffusionTextureGenerator(tiny, tokens=2, steps=4, guidance=guidance)
     text, empty = sampler.encode("zebra strips"), sampler.encode("")
-    extra = noise_feature() if with_feature else torch.empty(0, 128)
+    extra, neutral = noise_feature(), empty[-2:]
     ours = sampler.generate(text, extra if with_feature else None, seeded())
+    front = [[neutral + extra], [neutral]] if with_feature else [[], []]
 
     reference = StableDiffusionPipeline(
         **vars(tiny), safety_checker=None, feature_extractor=None, requires_safety_checker=False
     )
     reference.set_progress_bar_config(disable=True)
     theirs = reference(
-        prompt_embeds=torch.cat([extra, text])[None],
-        negative_prompt_embeds=torch.cat([torch.zeros_like(extra), empty])[None],
+        prompt_embeds=torch.cat([*front[0], text])[None],
+        negative_prompt_embeds=torch.cat([*front[1], empty])[None],
         num_inference_steps=4,
         guidance_scale=guidance,
         generator=seeded(),
