@@ -10,6 +10,7 @@ import torch
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
 from torch import nn
 from transformers import CLIPTextModel, CLIPTokenizer
+from transformers.utils.logging import disable_progress_bar
 
 from cnca.errors import GeneratorError
 
@@ -55,6 +56,7 @@ def load_pipeline(
     or cannot be read.
     """
     _check_index(folder)
+    disable_progress_bar()  # a second's work, and errors are to be one line
     options = {"use_safetensors": True, "local_files_only": True}
     try:
         return Pipeline(

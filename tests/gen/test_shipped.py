@@ -66,9 +66,6 @@ def test_styles_of_the_same_colours_differ(shipped):
     assert min(distance(graffiti, camouflage), distance(camouflage, balls)) > 0.1
 
 
-@pytest.mark.xfail(
-    reason="the U-Net normalises each token: tau has no effect above 0.1", strict=True
-)
 def test_the_grip_grows_with_tau(shipped):
     noise = torch.randn(shipped.feature_shape, generator=torch.Generator().manual_seed(1))
     still = paint(shipped, "colorful camouflage", initial(shipped.feature_shape))
