@@ -46,10 +46,10 @@ def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
     options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1), "batch": 2}
     folder = train_generator(tmp_path, seed=1, **options)
     generator = DiffusionTextureGenerator.load(folder, steps=1)
-    assert generator.feature_shape == (8, 128)
+    assert generator.feature_shape == (77, 128)
     picture = generator.generate(
         generator.encode("red balls"),
-        torch.zeros(8, 128),
+        torch.zeros(generator.feature_shape),
         torch.Generator().manual_seed(0),
     )
     assert picture.shape == (3, 256, 256)
