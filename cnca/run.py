@@ -119,7 +119,7 @@ def _restore(progress: Progress, checkpoint: Path) -> None:
         with torch.no_grad():
             progress.feature.copy_(state["feature"])
         progress.optimizer.load_state_dict(state["optimizer"])
-    except (RuntimeError, KeyError, EOFError, pickle.UnpicklingError) as error:
+    except (OSError, RuntimeError, KeyError, EOFError, pickle.UnpicklingError) as error:
         reason = str(error).splitlines()[0]
         raise RunError(f"{checkpoint}: damaged ({reason}); delete it to start again") from None
 

@@ -16,7 +16,9 @@ LEAVES = {f"cnca.{name}" for name in ("errors", "files", "types", "color", "boxe
 PROTOCOLS = {"cnca.protocols", "cnca.pictures", "cnca.scene.cameras", "cnca.scene.weather"}
 """The four exchangeable parts, the records that they exchange, and pictures of them."""
 RENDERING = {"mitsuba", "drjit"}
-CONCRETE = {"cnca.mi_bridge", "cnca.gen", "cnca.efr", "cnca.build", "cnca.cli"}
+CONCRETE = {"cnca.mi_bridge", "cnca.gen.sampling", "cnca.gen.pipeline", "diffusers"}
+CONCRETE |= {"cnca.efr", "cnca.build", "cnca.cli"}
+"""What the loops do without; F_adv and κ (``cnca.gen.feature``) belong to the method itself."""
 
 MAY_LOAD = {
     "cnca.errors": set(),

@@ -44,6 +44,17 @@ class StopAfter:
 
 
 @pytest.fixture
+def one_thread():
+    """Several threads add up a gradient in an order that differs by rounding from run to run."""
+    from cnca.mi_bridge.variant import dr
+
+    threads = dr.thread_count()
+    dr.set_thread_count(1)
+    yield
+    dr.set_thread_count(threads)
+
+
+@pytest.fixture
 def request_for(tmp_path):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
@@ -61,6 +72,7 @@ def quiet() -> Console:
     return Console(quiet=True)
 
 
+@pytest.mark.usefixtures("one_thread")
 def test_a_run_leaves_everything_and_resumes_bit_for_bit(request_for, monkeypatch):
     whole = request_for("whole")
     summary = run.run(whole, quiet())
