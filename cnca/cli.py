@@ -83,7 +83,7 @@ def optimize(
     backend: Annotated[str, typer.Option(help="Renderer.")] = "mitsuba",
     tau: Annotated[float, typer.Option(help="Bound on each element of F_adv; inf for none.")] = 1.0,
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100,
-    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 6,
+    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 4,
     learning_rate: Annotated[float, typer.Option(help="Adam's step size.")] = 0.01,
     generator: Annotated[
         Path | None, typer.Option(help="Folder in diffusers format; by default the shipped one.")
@@ -91,7 +91,7 @@ def optimize(
     efr: Annotated[Path | None, typer.Option(help="Trained EFR that corrects renders.")] = None,
     tokens: Annotated[int, typer.Option(help="Tokens of F_adv.")] = 77,
     guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 4.0,
-    spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 4,
+    spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 16,
     held_out_views: Annotated[int, typer.Option(help="Views that judge the result.")] = 24,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     resume: Annotated[
@@ -127,7 +127,7 @@ def optimize(
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the run.")] = Path("out/demo"),
-    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 40,
+    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 30,
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
     from cnca import terminal

@@ -46,7 +46,7 @@ class Settings:
     tau: float = 1.0
     """Bound on each element of F_adv, ≥ 0; ``inf`` for none."""
     steps: int = 100
-    views_per_step: int = 6
+    views_per_step: int = 4
     learning_rate: float = 0.01
     """Adam's step size; the paper's value."""
     seed: int = 0

@@ -45,7 +45,7 @@ class Request:
     backend: str = "mitsuba"
     generator: Path | None = None
     efr: Path | None = None
-    samples: int = 4
+    samples: int = 16
     """Rays per pixel in the loop; the verdict takes the scene's own number."""
     tokens: int = 77
     """Tokens of F_adv: as many as the prompt has, or the shipped generator hardly hears them."""

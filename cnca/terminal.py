@@ -66,7 +66,7 @@ def demo(out: Path, steps: int) -> None:
     """
     if not DEMO_SCENE.exists():
         raise RunError(f"{DEMO_SCENE}: not there; run the demo from a checkout of the repository")
-    settings = Settings(DEMO_PROMPT, tau=1.0, steps=steps, learning_rate=0.1)
+    settings = Settings(DEMO_PROMPT, tau=1.0, steps=steps, learning_rate=0.2)
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     attack(Request(DEMO_SCENE, "builtin", out, settings, held_out_views=16, resume=resume))
 
