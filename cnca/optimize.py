@@ -172,5 +172,5 @@ class Clock:
     def seconds(self) -> dict[str, float]:
         """``seconds_NAME`` for each part and ``seconds_total``."""
         total = time.perf_counter() - self._started
-        named = {f"seconds_{name}": round(value, 4) for name, value in self._parts.items()}
-        return named | {"seconds_total": round(total, 4)}
+        named = {f"seconds_{name}": round(value, 6) for name, value in self._parts.items()}
+        return named | {"seconds_total": round(total, 6)}
