@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,7 @@ from cnca.paint import Paint
 from cnca.protocols import Detector, Renderer, Residual, TextureGenerator
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
+from cnca.scene.effects import Demand
 from cnca.scene.images import read_mask, read_texture_srgb
 from cnca.scene.load_mesh import resolve_vehicle
 from cnca.scene.mesh import Vehicle
@@ -33,7 +35,7 @@ def build_vehicle(scene: Scene) -> Vehicle:
     path = scene.base / section.mesh
     if section.missing and not path.exists():
         raise MeshError(f"{path}: no such file; {section.missing}")
-    return resolve_vehicle(
+    vehicle = resolve_vehicle(
         section.mesh,
         scene.base,
         up=section.up,
@@ -42,6 +44,7 @@ def build_vehicle(scene: Scene) -> Vehicle:
         materials=section.materials,
         unwrap=section.unwrap,
     )
+    return replace(vehicle, paint=replace(vehicle.paint, **section.finish.model_dump()))
 
 
 def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
@@ -64,7 +67,12 @@ def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
 
 
 def build_renderer(
-    scene: Scene, vehicle: Vehicle, *, backend: str = "mitsuba", samples: int | None = None
+    scene: Scene,
+    vehicle: Vehicle,
+    *,
+    backend: str = "mitsuba",
+    samples: int | None = None,
+    demand: Demand | None = None,
 ) -> Renderer:
     """The renderer called ``backend`` for the scene's vehicle and ground.
 
@@ -82,7 +90,20 @@ def build_renderer(
         texture_size=scene.vehicle.texture_size,
         samples=samples or scene.image.samples,
         exposure=scene.image.exposure,
+        demand=demand,
     )
+
+
+def build_loop_renderer(
+    scene: Scene, vehicle: Vehicle, paint: Paint, *, backend: str, samples: int
+) -> Renderer:
+    """The renderer of an optimization: it comes back to its views, so backgrounds are kept."""
+    from cnca.mi_bridge.backgrounds import KeptBackgrounds
+    from cnca.mi_bridge.renderer import MitsubaRenderer
+
+    renderer = build_renderer(scene, vehicle, backend=backend, samples=samples)
+    assert isinstance(renderer, MitsubaRenderer)
+    return KeptBackgrounds(renderer, paint.apply())
 
 
 def build_views(scene: Scene) -> list[View]:

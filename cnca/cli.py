@@ -61,17 +61,64 @@ def render_scene(
     spp: Annotated[int | None, typer.Option(help="Rays per pixel instead of the scene's.")] = None,
     texture: Annotated[Path | None, typer.Option(help="sRGB picture for the paint.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    target_error: Annotated[
+        float | None, typer.Option(help="Take the cheapest models and samples under this error.")
+    ] = None,
+    reference: Annotated[bool, typer.Option("--reference", help="Full simulation.")] = False,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(help="Model for one effect, such as fog=none or sun=disc; repeatable."),
+    ] = None,
     explain: Annotated[bool, typer.Option("--explain", help="Say what is simulated how.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the records as JSON.")] = False,
 ) -> None:
     """Render a scene file: the picture, and a JSON record beside it."""
     from cnca import terminal
     from cnca.render_scene import render_scene
+    from cnca.scene.effects import Demand, parse_effects
 
     records = render_scene(
-        scene, out, view=view, all_views=all_views, samples=spp, texture=texture, seed=seed
+        scene,
+        out,
+        view=view,
+        all_views=all_views,
+        samples=spp,
+        demand=Demand(target_error, reference, parse_effects(effect or [])),
+        texture=texture,
+        seed=seed,
     )
     terminal.show_renders(out.parent, records, explain=explain, as_json=json)
+
+
+@app.command()
+def accuracy(
+    scene: Annotated[Path, typer.Argument(help="Scene file.")],
+    out: Annotated[Path, typer.Option(help="Folder for table, picture and reference.")],
+    seconds: Annotated[float, typer.Option(help="Budget of time.")] = 900.0,
+    view: Annotated[str | None, typer.Option(help="Camera by name; by default the first.")] = None,
+    detector: Annotated[
+        str, typer.Option(help="builtin, or a Darknet .cfg, or an .onnx.")
+    ] = "builtin",
+) -> None:
+    """Measure what accuracy costs in time; the same command goes on after an interruption."""
+    from cnca import terminal
+
+    terminal.accuracy(scene, out, seconds=seconds, view=view, detector=detector)
+
+
+@app.command()
+def calibrate(
+    out: Annotated[Path, typer.Option(help="Folder for the cases and prices.json.")],
+    scenes: Annotated[int, typer.Option(help="Random scenes to measure.")] = 32,
+    seed: Annotated[int, typer.Option(help="Number of the first scene.")] = 0,
+) -> None:
+    """Measure errors and times of all models, from which render-scene's plan predicts."""
+    from rich.console import Console
+
+    from cnca.calibrate import calibrate
+
+    console = Console(stderr=True)
+    typer.echo(calibrate(out, scenes=scenes, seed=seed, console=console))
 
 
 @app.command()
@@ -83,8 +130,11 @@ def optimize(
     backend: Annotated[str, typer.Option(help="Renderer.")] = "mitsuba",
     tau: Annotated[float, typer.Option(help="Bound on each element of F_adv; inf for none.")] = 1.0,
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100,
-    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 4,
+    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 8,
     learning_rate: Annotated[float, typer.Option(help="Adam's step size.")] = 0.01,
+    full_overlap: Annotated[
+        float, typer.Option(help="IoU from which a box counts in full; 1 is the paper's loss.")
+    ] = 1.0,
     generator: Annotated[
         Path | None, typer.Option(help="Folder in diffusers format; by default the shipped one.")
     ] = None,
@@ -104,7 +154,13 @@ def optimize(
     from cnca.run import Request
 
     settings = Settings(
-        prompt, tau, steps, views_per_step=views_per_step, learning_rate=learning_rate, seed=seed
+        prompt,
+        tau,
+        steps,
+        views_per_step=views_per_step,
+        learning_rate=learning_rate,
+        full_overlap=full_overlap,
+        seed=seed,
     )
     terminal.attack(
         Request(
@@ -153,7 +209,7 @@ def train_generator(
 def train_detector(
     out: Annotated[Path, typer.Option(help="Folder for pictures and weights.")],
     pictures: Annotated[int, typer.Option(help="Pictures to render.")] = 1680,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 18,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 26,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted run.")

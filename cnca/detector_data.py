@@ -34,7 +34,7 @@ PICTURES_PER_SCENE = 15
 WEATHERS_PER_SCENE = 3
 EMPTY_SHARE, FOG_SHARE, TEST_SHARE = 0.15, 0.4, 0.15
 LOUD = ("blocks", "shuffled", "prompt")
-LOUD_STRIDE = 5
+LOUD_STRIDE = 20
 """Of the training pictures in loud paint every so many-th is kept: on roads they are rare, and a
 detector that sees nothing else learns to disregard paint altogether."""
 TEXTURE_SIZE, SAMPLES = 256, 8

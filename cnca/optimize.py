@@ -46,18 +46,24 @@ class Settings:
     tau: float = 1.0
     """Bound on each element of F_adv, ≥ 0; ``inf`` for none."""
     steps: int = 100
-    views_per_step: int = 4
+    views_per_step: int = 8
+    view_pool: int = 512
+    """Pictures that the steps come back to, so that backends may keep what never changes."""
     learning_rate: float = 0.01
     """Adam's step size; the paper's value."""
+    full_overlap: float = 1.0
+    """IoU from which a box counts in full in D_s: 1 is equation 11, 0.5 is what AP@0.5 asks."""
     seed: int = 0
     start_spread: float = 0.1
     """Standard deviation of F_adv at the start: equal tokens would stay equal for ever."""
 
     def __post_init__(self) -> None:
         """Raises RunError for counts and sizes that make no attack."""
-        for name in ("steps", "views_per_step", "learning_rate"):
+        for name in ("steps", "views_per_step", "view_pool", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise RunError(f"{name} is {getattr(self, name)}: give a number above 0")
+        if not 0 < self.full_overlap <= 1:
+            raise RunError(f"full_overlap is {self.full_overlap}: an IoU lies in (0, 1]")
 
 
 @dataclass(frozen=True)
@@ -125,12 +131,12 @@ def optimize(
     if not attack.detector.differentiable:
         raise DetectorError(f"detector {attack.detector.name}: gives no gradient; use a .cfg model")
     text_feature = attack.generator.encode(settings.prompt)
-    weathers = draw_weathers(attack.scene, WEATHERS, seed=settings.seed)
+    pool = draw_pool(attack.scene, settings)
     feature, optimizer = progress.feature, progress.optimizer
     while progress.step < settings.steps:
-        clock, step, count = Clock(), progress.step, settings.views_per_step
-        views = draw_views(attack.scene, count, seed=settings.seed, start=step * count)
-        weather, seed = weathers[step % WEATHERS], settings.seed * 1_000_003 + step
+        clock, step = Clock(), progress.step
+        views, weather = pool(step)
+        seed = settings.seed * 1_000_003 + step
         boxes = attack.renderer.vehicle_boxes(views)
         with clock("generate"):
             albedo = attack.paint.apply(attack.texture(text_feature, feature, settings.seed))
@@ -138,7 +144,9 @@ def optimize(
             images = attack.render(albedo, views, weather, seed)
         with clock("detect"):
             candidates = attack.detector.candidates(linear_to_srgb(images))
-        loss, scores = detection_loss(candidates, boxes, attack.label)
+        loss, scores = detection_loss(
+            candidates, boxes, attack.label, full_overlap=settings.full_overlap
+        )
 
         optimizer.zero_grad()
         with clock("backward"):
@@ -153,6 +161,21 @@ def optimize(
         record = {"step": progress.step, "loss_adv": loss.item(), "D_s": scores.mean().item()}
         after_step(progress, record | clock.seconds())
     return feature.detach()
+
+
+def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[View], Weather]]:
+    """Return what each step looks at: views of one weather, the weathers taken in turn."""
+    count = settings.views_per_step
+    weathers = draw_weathers(scene, WEATHERS, seed=settings.seed)
+    every = draw_views(scene, max(settings.view_pool, WEATHERS * count), seed=settings.seed)
+
+    def step_views(step: int) -> tuple[list[View], Weather]:
+        turn, k = divmod(step, WEATHERS)
+        own = every[k::WEATHERS]
+        first = turn * count
+        return [own[(first + i) % len(own)] for i in range(count)], weathers[k]
+
+    return step_views
 
 
 class Clock:

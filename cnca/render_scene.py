@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from cnca.manifest import versions, write_json
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.pictures import as_pictures, write_png
 from cnca.scene.cameras import View
+from cnca.scene.effects import Demand, explain
 from cnca.scene.images import write_exr
 from cnca.scene.schema import Scene, load_scene
 from cnca.types import LinearImages
@@ -31,6 +32,7 @@ def render_scene(
     view: str | None = None,
     all_views: bool = False,
     samples: int | None = None,
+    demand: Demand | None = None,
     texture: Path | None = None,
     seed: int = 0,
 ) -> list[dict[str, Any]]:
@@ -39,7 +41,8 @@ def render_scene(
     Args:
         out: ``.png`` or ``.exr``; with ``all_views`` each view's name is put before the ending.
         view: name of the view; by default the first.
-        samples: rays per pixel; by default the scene's.
+        samples: rays per pixel; by default the scene's, or what a target error takes.
+        demand: which effects to render how; by default the usual ones.
         texture: sRGB picture for the paint; by default the scene's own paint.
 
     Returns:
@@ -56,7 +59,11 @@ def render_scene(
     painted = build.build_paint(scene, vehicle).apply(
         build.read_texture(texture) if texture else None
     )
-    renderer = build.build_renderer(scene, vehicle, samples=samples)
+    demand = demand or Demand()
+    named = {"samples": str(samples)} if samples else {}
+    forced = {"gradient": "off"} | named | dict(demand.forced)
+    demand = replace(demand, forced=forced)
+    renderer = build.build_renderer(scene, vehicle, demand=demand)
     assert isinstance(renderer, MitsubaRenderer)  # layers are Mitsuba's
     records = []
     for each in views:
@@ -64,12 +71,13 @@ def render_scene(
         box = renderer.vehicle_boxes([each])[0].tolist()
         images, seconds = _timed(renderer, painted, each, scene, seed)
         _write(path, images, renderer, each)
+        plan = renderer.plan(painted, [each], scene.weather())
         record = {
             "picture": path.name,
             "view": asdict(each),
             "seed": seed,
-            "samples": renderer.samples,
-            "plan": renderer.plan(scene.weather()),
+            "samples": plan.samples,
+            "plan": explain(plan),
             "seconds": seconds,
             "vehicle_box_xyxy": box,
             "versions": versions(),

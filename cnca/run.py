@@ -75,13 +75,14 @@ def run(request: Request, console: Console) -> dict[str, Any]:
 
 def _assemble(request: Request, scene: Scene) -> Attack:
     vehicle = build.build_vehicle(scene)
+    paint = build.build_paint(scene, vehicle)
     detector = build.build_detector(request.detector)
     return Attack(
         scene=scene,
-        renderer=build.build_renderer(
-            scene, vehicle, backend=request.backend, samples=request.samples
+        renderer=build.build_loop_renderer(
+            scene, vehicle, paint, backend=request.backend, samples=request.samples
         ),
-        paint=build.build_paint(scene, vehicle),
+        paint=paint,
         generator=build.build_generator(
             request.generator, tokens=request.tokens, guidance=request.guidance
         ),

@@ -59,6 +59,27 @@ def attack(request: Request) -> None:
         shown.print(f"{what}: {request.out / name}", soft_wrap=True)
 
 
+def accuracy(scene: Path, out: Path, *, seconds: float, view: str | None, detector: str) -> None:
+    """Measure the price list with progress, then say how good its reference is."""
+    from cnca.accuracy import accuracy as measure_accuracy  # loads colour-science, which is slow
+
+    console = Console(stderr=True)
+    report = measure_accuracy(
+        scene, out, seconds=seconds, view=view, detector=detector, console=console
+    )
+    reference, shown = report["reference"], Console()
+    shown.print(
+        f"reference of {reference['samples']} rays per pixel: standard error "
+        f"{reference['standard_error']:.2%}, halves {reference['difference_of_means']:+.2%} apart"
+    )
+    for rung in report["rungs"]:
+        if rung["target"] is not None:
+            spent = rung["seconds"]["steady"]["forward"]
+            shown.print(f"{rung['name']}: error {rung['error']:.2%} in {spent:.2f} s")
+    for ending in ("md", "png", "json"):
+        shown.print(out / f"accuracy.{ending}", soft_wrap=True)
+
+
 def demo(out: Path, steps: int) -> None:
     """The main job on the shipped sedan, generator and detector.
 
@@ -79,8 +100,12 @@ _RESULTS = {
 }
 
 
-def _plan_table(plan: list[dict[str, str]]) -> Table:
-    table = Table("effect", "model", "why")
+def _plan_table(plan: list[dict[str, Any]]) -> Table:
+    """The plan; error and share of the time are predictions."""
+    table = Table()
+    for name in ("effect", "model", "why", "error", "time"):
+        table.add_column(name, no_wrap=name != "why")
     for row in plan:
-        table.add_row(row["effect"], row["model"], row["why"])
+        numbers = f"{row['error']:.2%}", f"{row['time_share']:.0%}"
+        table.add_row(row["effect"], row["model"], row["why"], *numbers)
     return table

@@ -26,6 +26,14 @@ def test_closed_form():
     assert loss.item() == pytest.approx(-math.log(1 - 0.36), rel=1e-6)
 
 
+def test_an_overlap_that_counts_in_full():
+    """IoU 0.5 and 0.25 against a full overlap of 0.5: weights 1 and 0.5."""
+    boxes = torch.tensor([[10.0, 10.0, 20.0, 20.0], [10.0, 10.0, 15.0, 20.0]])
+    found = candidates(boxes, torch.tensor([0.5, 0.9]), torch.ones(2))
+    _, scores = detection_loss(found, TARGET, 1, full_overlap=0.5)
+    assert scores.tolist() == pytest.approx([0.5])
+
+
 def test_images_are_averaged():
     boxes = torch.tensor([[[10.0, 10.0, 20.0, 20.0]]] * 2)
     found = Candidates(boxes, torch.tensor([[0.4], [0.8]]), torch.ones(2, 1, 1))

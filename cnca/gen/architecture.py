@@ -11,13 +11,22 @@ from collections.abc import Iterable
 
 import torch
 from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
+from jaxtyping import Float
 from tokenizers import Tokenizer, models, pre_tokenizers, trainers
+from torch import Tensor
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
 from cnca.gen.pyramid_start import start_as_pyramid
 
 TEXT_WIDTH = 128
 """Width of a text token and of a token of F_adv."""
+
+PICTURE_CHANNELS, POSITION_CHANNELS = 4, 2
+"""Latent channels that the autoencoder uses, and further ones that say where they are."""
+
+POSITION_RANGE = 3.0
+"""Value of a position channel at the right or lower border, minus it at the other: louder than
+noise from the first steps on."""
 
 TEXT_POSITIONS = 77
 """CLIP's number of text tokens, start and end included."""
@@ -28,6 +37,7 @@ def autoencoder() -> AutoencoderKL:
     vae = AutoencoderKL(
         down_block_types=("DownEncoderBlock2D",) * 4,
         up_block_types=("UpDecoderBlock2D",) * 4,
+        latent_channels=PICTURE_CHANNELS,
         block_out_channels=(16, 24, 48, 96),
         layers_per_block=1,
         norm_num_groups=1,
@@ -38,6 +48,34 @@ def autoencoder() -> AutoencoderKL:
     return vae
 
 
+def positions(side: int) -> Float[Tensor, "2 side side"]:
+    """The position channels of square latents: how far right, how far down.
+
+    A U-Net of Stable Diffusion's kind has no position embedding; without one, attention cannot
+    carry what a token of F_adv says to a place.
+    """
+    ramp = torch.linspace(-POSITION_RANGE, POSITION_RANGE, side)
+    return torch.stack(torch.meshgrid(ramp, ramp, indexing="xy"))
+
+
+@torch.no_grad()
+def with_position_channels(vae: AutoencoderKL) -> AutoencoderKL:
+    """The same autoencoder for latents with position channels, which its decoder disregards."""
+    config = dict(vae.config)
+    wider = AutoencoderKL.from_config(
+        config | {"latent_channels": PICTURE_CHANNELS + POSITION_CHANNELS}
+    )
+    for name, weights in wider.state_dict().items():
+        weights.zero_()
+        own = vae.state_dict()[name]
+        # Mean and log-variance of the encoder lie one after the other along the first axis.
+        halves = 2 if name.startswith(("encoder.conv_out", "quant_conv")) else 1
+        rows = weights.unflatten(0, (halves, -1))[:, : len(own) // halves]
+        rows = rows if own.ndim == 1 else rows[:, :, : own.shape[1]]
+        rows.copy_(own.unflatten(0, (halves, -1)))
+    return wider
+
+
 def denoiser() -> UNet2DConditionModel:
     """The U-Net: cross-attention at 8×8, and all tokens pooled into the time embedding.
 
@@ -46,6 +84,8 @@ def denoiser() -> UNet2DConditionModel:
     """
     return UNet2DConditionModel(
         sample_size=32,
+        in_channels=PICTURE_CHANNELS + POSITION_CHANNELS,
+        out_channels=PICTURE_CHANNELS + POSITION_CHANNELS,
         down_block_types=("DownBlock2D", "DownBlock2D", "CrossAttnDownBlock2D"),
         up_block_types=("CrossAttnUpBlock2D", "UpBlock2D", "UpBlock2D"),
         block_out_channels=(32, 64, 96),
@@ -80,9 +120,10 @@ def text_encoder(tokenizer: CLIPTokenizer) -> CLIPTextModel:
     words = encoder.get_input_embeddings().weight
     positions = encoder.get_parameter("embeddings.position_embedding.weight")
     with torch.no_grad():
-        # Padding says nothing of its own, so that it repeats what the words before it say.
-        words.normal_(std=0.1)[tokenizer.pad_token_id] = 0.0
-        positions.normal_(std=0.003)
+        # Padding has no word of its own: a third of it repeats the words before it, the rest
+        # tells where it stands, by which F_adv's tokens are told apart.
+        words.normal_()[tokenizer.pad_token_id] = 0.0
+        positions.normal_(std=0.1)
     return encoder
 
 

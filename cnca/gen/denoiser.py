@@ -1,10 +1,11 @@
 """Training of the U-Net on text, and on the tokens that F_adv takes at attack time.
 
 Those tokens are trained as *image prompt* tokens (after the idea of IP-Adapter, Ye et al. 2023):
-in half of the samples they describe the picture coarsely, in the other half they are zero.  So
-the U-Net listens to them, values in [−1, 1] are in its range, and zero means "no wish".  They are
-added to padding tokens of the empty prompt: the U-Net normalises each token before it pools them,
-and around zero that would make the smallest F_adv as strong as the largest.
+token k describes the k-th cell of the picture, in half of the samples not at all.  So the U-Net
+listens to them, values in [−1, 1] are in its range, and zero means "no wish".  They are added to
+the features of the empty prompt, which differ by position and so tell the cells apart; and the
+U-Net normalises each token before it pools them, which around zero would make the smallest F_adv
+as strong as the largest.
 """
 
 from __future__ import annotations
@@ -20,33 +21,46 @@ from transformers import CLIPTextModel, CLIPTokenizer
 from cnca.gen import architecture
 from cnca.gen.training_loop import TrainingLoop
 
-FEATURE_TOKENS = 8
-"""Tokens of F_adv that the generator is trained with."""
+GRID = (7, 11)
+"""Rows and columns of the cells that F_adv's tokens describe: 77, one for each token of a text."""
+
+WISH_DEVIATION = 0.5
+"""Standard deviation of an element of F_adv that describes an ordinary picture."""
+
+SILENT = 0.5
+"""Share of samples whose F_adv says nothing, so that the text is listened to."""
 
 BLIND = 0.1
 """Share of samples without text or F_adv, for classifier-free guidance (Ho & Salimans 2022)."""
 
 
 class ImagePrompt(nn.Module):
-    """Describes latents by as many tokens as F_adv has: token k speaks of the k-th eighth.
+    """Describes latents by one token per cell: a fixed rotation of its four quarters' means.
 
+    Fixed, so that the length of F_adv keeps its meaning: a trained one could learn to shout.
     Needed in training only.
     """
 
-    def __init__(self, tokens: int = FEATURE_TOKENS) -> None:
+    rotation: Tensor
+
+    def __init__(self) -> None:
         super().__init__()
-        self.tokens = tokens
-        self.project = nn.Parameter(torch.randn(tokens, 4 * tokens, architecture.TEXT_WIDTH))
+        values = 4 * 2 * 2
+        orthonormal = nn.init.orthogonal_(torch.empty(values, architecture.TEXT_WIDTH))
+        scale = WISH_DEVIATION * (architecture.TEXT_WIDTH / values) ** 0.5
+        self.register_buffer("rotation", scale * orthonormal)
 
     def forward(
         self, latents: Float[Tensor, "batch 4 height width"], generator: torch.Generator
-    ) -> Float[Tensor, "batch tokens width"]:
-        """Return tokens in [−1, 1]; all zero for half of the batch, a quarter of the others."""
-        coarse = F.adaptive_avg_pool2d(latents, self.tokens).permute(0, 2, 1, 3).flatten(2)
-        scale = (4 * self.tokens) ** -0.5
-        tokens = torch.tanh(scale * torch.einsum("bkc,kcw->bkw", coarse, self.project))
-        silent = torch.rand(len(latents), 1, 1, generator=generator) < 0.5
-        dropped = torch.rand(len(latents), self.tokens, 1, generator=generator) < 0.25
+    ) -> Float[Tensor, "batch 77 width"]:
+        """Return tokens in [−1, 1]; of half of the batch all zero, of the others a random share."""
+        rows, columns = GRID
+        quarters = F.adaptive_avg_pool2d(latents, (2 * rows, 2 * columns))
+        cells = F.unfold(quarters, kernel_size=2, stride=2).transpose(1, 2)
+        tokens = (cells @ self.rotation).clamp(-1.0, 1.0)
+        silent = torch.rand(len(latents), 1, 1, generator=generator) < SILENT
+        share = torch.rand(len(latents), 1, 1, generator=generator)
+        dropped = torch.rand(*tokens.shape[:2], 1, generator=generator) < share
         return tokens.masked_fill(silent | dropped, 0.0)
 
 
@@ -74,14 +88,18 @@ class Denoiser(nn.Module):
         blind = torch.rand(batch, 1, 1, generator=generator) < BLIND
         text = torch.where(blind, self.nothing, text)
         wish = self.image_prompt(clean, generator).masked_fill(blind, 0.0)
-        extra = self.nothing[-wish.shape[1] :] + wish
+        extra = self.nothing + wish
         alone = torch.rand((), generator=generator) < 0.1  # without F_adv there are 77 tokens
         condition = text if alone else torch.cat([extra, text], dim=1)
         times = torch.randint(len(self.schedule.betas), (batch,), generator=generator)
+        where = architecture.positions(clean.shape[-1]).expand(batch, -1, -1, -1)
+        clean = torch.cat([clean, where], dim=1)
         noise = torch.randn(clean.shape, generator=generator)
         noisy = self.schedule.add_noise(clean, noise, times)
         velocity = self.schedule.get_velocity(clean, noise, times)
-        return F.mse_loss(self.unet(noisy, times, condition).sample, velocity)
+        with torch.autocast("cpu", torch.bfloat16):
+            predicted = self.unet(noisy, times, condition).sample
+        return F.mse_loss(predicted.float(), velocity)
 
 
 @torch.no_grad()

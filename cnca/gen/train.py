@@ -27,10 +27,10 @@ def train_generator(
     *,
     seed: int = 0,
     resume: bool = True,
-    pictures: int = 1536,
-    autoencoder_steps: int = 650,
-    denoiser_steps: tuple[int, int] = (2000, 1800),
-    batch: int = 8,
+    pictures: int = 4096,
+    autoencoder_steps: int = 5000,
+    denoiser_steps: tuple[int, int] = (4000, 2000),
+    batch: int = 16,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
 
@@ -50,7 +50,7 @@ def train_generator(
     denoiser = train_denoiser(loop, denoiser, latents, text, steps=denoiser_steps, batch=batch)
     return save_pipeline(
         out / "pipeline",
-        vae=vae,
+        vae=architecture.with_position_channels(vae),
         unet=denoiser.unet.eval(),
         text_encoder=encoder,
         tokenizer=tokenizer,

@@ -20,6 +20,9 @@ from cnca.mi_bridge.variant import dr, mi
 BACKWARD_SEED = 0x9E3779B9
 """Added to the seed for the adjoint pass: independent noise keeps products of both unbiased."""
 
+PART_SEED = 0x85EBCA6B
+"""Added to the seed, so many times, for the part of a picture that begins with that sample."""
+
 
 class Shot:
     """All that one render needs besides the texture."""
@@ -34,26 +37,25 @@ class Shot:
         bounces: int,
         seed: int,
         exposure: float,
+        first: int = 0,
     ):
+        """``first`` says with which of a pixel's evenly spread samples this part of them begins."""
         self.geometry = geometry
         self.surroundings = surroundings
         self.cameras = cameras
         self.samples = samples
         self.bounces = bounces
         self.seed = seed
-        self.exposure = exposure
-
-    @property
-    def film_shape(self) -> tuple[int, int, int, int]:
-        """(views, height, width, 3)."""
-        return (self.cameras.count, self.cameras.height, self.cameras.width, 3)
+        self.first = first
+        self.exposure = dr.opaque(mi.Float, exposure)  # another value needs no other kernel
 
     def start(self, seed: int) -> tuple[mi.Sampler, mi.Ray3f, list[mi.Float]]:
         """A freshly seeded sampler, the camera rays and their first reflection's random numbers."""
         opaque_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        part_seed = dr.opaque(mi.UInt32, seed + PART_SEED * self.first & 0xFFFFFFFF)
         sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(opaque_seed, self.cameras.lanes(self.samples))
-        return sampler, *self.cameras.rays(self.samples, opaque_seed)
+        sampler.seed(part_seed, self.cameras.lanes(self.samples))
+        return sampler, *self.cameras.rays(self.samples, opaque_seed, self.first)
 
     def primal(self, seed: int) -> mi.Color3f:
         """Radiance of every lane."""
@@ -82,7 +84,7 @@ class Shot:
 
 
 class _Render(dr.CustomOp):
-    """(texture, shot) → exposed image of shape (views, height, width, 3)."""
+    """(texture, shot) → exposed image of the cameras' film shape and 3 colours."""
 
     def eval(self, albedo: mi.TensorXf, shot: Shot) -> mi.TensorXf:
         self.albedo, self.shot = dr.detach(albedo), shot
@@ -93,7 +95,7 @@ class _Render(dr.CustomOp):
             pixels = [average_samples(channel, shot.samples) for channel in radiance]
             image = dr.ravel(mi.Color3f(*pixels) * shot.exposure)
             dr.eval(image)
-        return mi.TensorXf(image, shape=shot.film_shape)
+        return mi.TensorXf(image, shape=(*shot.cameras.film_shape, 3))
 
     def backward(self) -> None:
         shot = self.shot
@@ -111,9 +113,7 @@ class _Render(dr.CustomOp):
         return "cnca.render"
 
 
-def render(
-    albedo: Float[Tensor, "size size 3"], shot: Shot
-) -> Float[Tensor, "views height width 3"]:
+def render(albedo: Float[Tensor, "size size 3"], shot: Shot) -> Float[Tensor, "*film 3"]:
     """Exposed linear images of ``albedo`` (linear, [0, 1], row 0 at v = 1); differentiable."""
 
     @dr.wrap(source="torch", target="drjit")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
 from cnca.errors import TextureError
 from cnca.mi_bridge.variant import dr, mi
-from cnca.scene.materials import MATERIALS
+from cnca.scene.cameras import View
+from cnca.scene.materials import Material
 from cnca.scene.mesh import Part, Vehicle
 
 GROUND_RADIUS = 2000.0
@@ -28,12 +31,14 @@ class Geometry:
         ground_albedo: Float[np.ndarray, "3"],
         texture_size: int,
         props: tuple[Part, ...] = (),
+        materials: str = "coat",
     ):
         """
         Args:
             ground_albedo: linear RGB in [0, 1].
             texture_size: texels per side of the texture on everything painted.
             props: other things that stand around; painted ones wear the vehicle's texture.
+            materials: model of :data:`cnca.scene.effects.LADDERS` for every part.
 
         Raises:
             TextureError: no part of the vehicle is painted, or a painted part has no UVs.
@@ -46,10 +51,11 @@ class Geometry:
         white = mi.TensorXf(np.ones((texture_size, texture_size, 3), dtype=np.float32))
         texture = mi.load_dict({"type": "bitmap", "data": white, "format": "variant", "raw": True})
         bsdfs = {
-            name: _bsdf(name, texture if name == "paint" else None)
+            name: _bsdf(vehicle.material(name), texture if name == "paint" else None, materials)
             for name in sorted({part.material for part in parts})
         }
-        meshes = [_mesh(part, bsdfs[part.material]) for part in parts]
+        self._origin = _middle(vehicle)
+        meshes = [_mesh(part, bsdfs[part.material], self._origin) for part in parts]
         ground = {
             "type": "disk",
             "to_world": mi.ScalarTransform4f().scale([GROUND_RADIUS, GROUND_RADIUS, 1]),
@@ -59,9 +65,23 @@ class Geometry:
             },
         }
         shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
-        self.scene = mi.load_dict({"type": "scene", "ground": ground, **shapes})
+        self.ground = mi.load_dict(ground)
+        self.scene = mi.load_dict({"type": "scene", "ground": self.ground, **shapes})
         self._texture = mi.traverse(texture)
         self._vehicle_shapes = meshes[: len(vehicle.parts)]
+
+    def local(self, view: View) -> View:
+        """The view in this scene's axes, which start in the vehicle's middle on the ground."""
+        moved = ((np.array(point) - self._origin).tolist() for point in (view.origin, view.target))
+        origin, target = moved
+        return replace(view, origin=tuple(origin), target=tuple(target))
+
+    @property
+    def vehicle_bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Lowest and highest corner of the vehicle's box in metres."""
+        boxes = [shape.bbox() for shape in self._vehicle_shapes]
+        low = np.min([np.array(box.min) for box in boxes], axis=0)
+        return low, np.max([np.array(box.max) for box in boxes], axis=0)
 
     def bind(self, albedo: mi.TensorXf, *, differentiable: bool = False) -> mi.TensorXf:
         """Make ``albedo`` (size, size, 3), linear, row 0 at v = 1, the paint of the next render.
@@ -85,14 +105,15 @@ class Geometry:
         return si.is_valid() & found
 
 
-def _bsdf(name: str, texture: mi.Texture | None) -> mi.BSDF:
+def _bsdf(material: Material, texture: mi.Texture | None, model: str) -> mi.BSDF:
     """A principled BSDF; two-sided because meshes of unknown origin have flipped panels."""
-    material = MATERIALS[name]
     color = texture or {"type": "rgb", "value": list(material.base_color)}
+    if model == "diffuse":
+        return mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}})
     principled = {
         "type": "principled",
         "base_color": color,
-        "roughness": max(material.roughness, 0.02),
+        "roughness": material.roughness,
         "specular": material.specular,
         "metallic": material.metallic,
         # Sample lobes by what they reflect: a paint's diffuse part outweighs its gloss.
@@ -100,7 +121,7 @@ def _bsdf(name: str, texture: mi.Texture | None) -> mi.BSDF:
         "main_specular_sampling_rate": SPECULAR_SAMPLING_RATE,
         "clearcoat_sampling_rate": SPECULAR_SAMPLING_RATE,
     }
-    if material.clearcoat > 0:
+    if material.clearcoat > 0 and model == "coat":
         principled |= {
             "clearcoat": material.clearcoat,
             "clearcoat_gloss": material.clearcoat_gloss,
@@ -108,7 +129,15 @@ def _bsdf(name: str, texture: mi.Texture | None) -> mi.BSDF:
     return mi.load_dict({"type": "twosided", "bsdf": principled})
 
 
-def _mesh(part: Part, bsdf: mi.BSDF) -> mi.Mesh:
+def _middle(vehicle: Vehicle) -> Float[np.ndarray, "3"]:
+    """The middle of the vehicle's ground plan; float32 is too coarse for one a long way off."""
+    if not vehicle.parts:
+        return np.zeros(3)
+    vertices = np.concatenate([part.vertices for part in vehicle.parts])[:, :2]
+    return np.array([*(vertices.min(axis=0) + vertices.max(axis=0)) / 2, 0.0])
+
+
+def _mesh(part: Part, bsdf: mi.BSDF, origin: Float[np.ndarray, "3"]) -> mi.Mesh:
     properties = mi.Properties()
     properties["bsdf"] = bsdf
     mesh = mi.Mesh(
@@ -120,7 +149,7 @@ def _mesh(part: Part, bsdf: mi.BSDF) -> mi.Mesh:
         props=properties,
     )
     parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = _flat(part.vertices)
+    parameters["vertex_positions"] = _flat(part.vertices - origin)
     parameters["vertex_normals"] = _flat(part.normals)
     parameters["faces"] = mi.UInt32(np.ascontiguousarray(part.faces, dtype=np.uint32).ravel())
     if part.uvs is not None:

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cnca.mi_bridge.fog import FogField
-from cnca.mi_bridge.light import Light
+from cnca.mi_bridge.forward import ForwardShare
+from cnca.mi_bridge.light import SUN_HALF_ANGLE, Light
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.weather import Fog
 
@@ -48,7 +49,9 @@ def _wrap_columns(grid: np.ndarray) -> mi.TensorXf:
 class Sky:
     """Sun and sky above the fog."""
 
-    def __init__(self, light: Light):
+    def __init__(self, light: Light, *, has_map: bool = True, sun_disc: bool = False):
+        """Without a map the sky is black; a sun that is a disc casts shadows with soft edges."""
+        self.has_map, self._sun_disc = has_map, sun_disc
         self.sun_direction = _opaque_vector(light.sun_direction)
         self.sun_irradiance = _opaque_vector(light.sun_irradiance)
         self.has_sun = bool(light.sun_irradiance.max() > 0)
@@ -59,11 +62,20 @@ class Sky:
         """Radiance that arrives from direction ``d``, without the sun's disc."""
         return mi.Color3f(self._map.eval(_direction_uv(d, self._columns), active))
 
+    def to_sun(self, sampler: mi.Sampler, active: mi.Bool) -> mi.Vector3f:
+        """Direction to the sun's centre, or to a random point of its disc."""
+        if not self._sun_disc:
+            return self.sun_direction
+        cosine = float(np.cos(SUN_HALF_ANGLE))
+        around = mi.warp.square_to_uniform_cone(sampler.next_2d(active), cosine)
+        return mi.Frame3f(self.sun_direction).to_world(around)
+
 
 class FogLayer:
     """Closed-form transmittance through the layer, and the light that it adds to a ray."""
 
-    def __init__(self, fog: Fog, field: FogField, sky: Sky):
+    def __init__(self, fog: Fog, field: FogField, sky: Sky, forward: ForwardShare | None = None):
+        """Without ``forward`` the fog in front of the vehicle scatters as over bare ground."""
         self.sigma_t = _opaque_float(fog.extinction)
         self.height = _opaque_float(fog.height)
         self.albedo = _opaque_float(fog.albedo)
@@ -74,9 +86,12 @@ class FogLayer:
         # Below the horizon the sun's slant path is endless and its light zero: keep 1/μ finite.
         self.inv_mu_sun = dr.rcp(dr.maximum(sky.sun_direction.z, 1e-4))
         dr.make_opaque(self.inv_mu_sun)
-        levels, _, self._columns, _ = field.source.shape
-        self._levels = levels
-        self._source = mi.Texture3f(_wrap_columns(field.source), wrap_mode=dr.WrapMode.Clamp)
+        self.forward = forward
+        self._levels, _, self._columns, _ = field.source.shape
+        table = field.source
+        if forward is not None:
+            table = np.concatenate([field.source, field.radiance], axis=-1)
+        self._table = mi.Texture3f(_wrap_columns(table), wrap_mode=dr.WrapMode.Clamp)
 
     def sun_transmittance(self, z: mi.Float) -> mi.Float:
         """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
@@ -84,43 +99,61 @@ class FogLayer:
         return dr.exp(-self.sigma_t * above * self.inv_mu_sun)
 
     def segment(
-        self, ray: mi.Ray3f, distance: mi.Float, sample: mi.Float, active: mi.Bool
+        self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Float, mi.Color3f]:
-        """Transmittance of a ray up to ``distance`` (may be infinite) and its in-scattered light.
+        """Transmittance of a ray up to ``si`` (may be infinitely far) and its in-scattered light.
 
-        The light is ∫ σ_t T(s) J(s) ds, estimated at one distance drawn in proportion to σ_t T(s).
+        The light is ∫ σ_t T(s) J(s) ds, estimated at one distance drawn in proportion to
+        σ_t exp(−σ_t s).  On rays that end on the vehicle T and J are those of
+        :mod:`cnca.mi_bridge.forward`.
         """
-        start, end = self._interval(ray, distance)
+        start, end = self._interval(ray, si.t)
         length = dr.select(end > start, end - start, 0)  # ∞ − ∞ for rays that never enter
         opacity = 1 - dr.exp(-self.sigma_t * length)
         # Invert the cumulative share of opacity; log1p stays exact for thin fog.
-        s = -dr.log(1 - sample * opacity) / self.sigma_t
-        z = dr.clip(ray.o.z + (start + dr.minimum(s, length)) * ray.d.z, 0, self.height)
+        s = dr.minimum(-dr.log(1 - sample * opacity) / self.sigma_t, length)
+        z = dr.clip(ray.o.z + (start + s) * ray.d.z, 0, self.height)
         lit = active & (opacity > 0)
-        return 1 - opacity, dr.select(lit, opacity * self._source_function(z, ray.d, lit), 0)
+        J, bare = self._source_function(z, ray.d, lit)
+        if self.forward is None:
+            return 1 - opacity, dr.select(lit, opacity * J, 0)
+        ahead = lit & si.is_valid() & (si.shape != self.forward.ground)
+        u = dr.select(ahead, si.t - start, 0)  # distance from the surface at which fog begins
+        f, Φ = self.forward(u - s, ahead)
+        Φ_start, Φ_end = (self.forward(x, ahead)[1] for x in (u, u - length))
+        # Optical depths that forward scattering gives back: up to s, and on the whole ray.
+        back = self.sigma_t * self.albedo
+        regained, regained_all = back * (Φ_start - Φ), back * (Φ_start - Φ_end)
+        J = dr.select(ahead, dr.exp(regained) * (J - self.albedo * f * bare), J)
+        T = dr.exp(dr.select(ahead, regained_all, 0) - self.sigma_t * length)
+        return T, dr.select(lit, opacity * J, 0)
 
     def _interval(self, ray: mi.Ray3f, distance: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Where the ray is below the layer's top, as a range of distances."""
-        inside = ray.o.z < self.height
+        # On the top itself only a ray that goes down is inside.
+        inside = (ray.o.z < self.height) | ((ray.o.z == self.height) & (ray.d.z < 0))
         crossing = (self.height - ray.o.z) / dr.select(ray.d.z == 0, 1, ray.d.z)
         crosses = (ray.d.z != 0) & (crossing > 0)
         start = dr.select(inside, 0, dr.select(crosses, crossing, distance))
         end = dr.select(inside & crosses, dr.minimum(crossing, distance), distance)
         return dr.minimum(start, distance), end
 
-    def _source_function(self, z: mi.Float, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
-        """J at height ``z`` seen along ``d``: the table and the sun's first scattering."""
+    def _source_function(
+        self, z: mi.Float, d: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.Color3f, mi.Color3f]:
+        """J and I at height ``z`` seen along ``d`` (I is 0 where no forward share asks for it)."""
         uv = _direction_uv(d, self._columns)
         # The inverse of fog.level_heights.
         t = dr.atanh((2 * z / self.height - 1) * self.tanh_stretch) / self.stretch
         level = (1 + t) / 2
         w = (level * (self._levels - 1) + 0.5) / self._levels
-        diffuse = mi.Color3f(self._source.eval(mi.Point3f(uv.x, uv.y, w), active))
+        values = self._table.eval(mi.Point3f(uv.x, uv.y, w), active)
         g, cosine = self.asymmetry, dr.dot(d, self.sky.sun_direction)
         spread = dr.fmax(1 + g * g - 2 * g * cosine, 1e-8)
         phase = (1 - g * g) * dr.inv_four_pi / (spread * dr.sqrt(spread))
         sun = self.albedo * phase * self.sun_transmittance(z)
-        return diffuse + sun * mi.Color3f(self.sky.sun_irradiance)
+        J = mi.Color3f(*values[:3]) + sun * mi.Color3f(self.sky.sun_irradiance)
+        return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
 
 
 @dataclass
@@ -172,23 +205,25 @@ def trace(
         # ---------------- light of the segment: fog and sky ----------------
         Le = mi.Color3f(0)
         if dr.hint(fog is not None, mode="scalar"):
-            T, airlight = fog.segment(ray, si.t, sampler.next_1d(active), active)  # type: ignore[union-attr]
+            T, airlight = fog.segment(ray, si, sampler.next_1d(active), active)  # type: ignore[union-attr]
             Le += β * airlight
             β *= T
-        Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
+        if dr.hint(sky.has_map, mode="scalar"):
+            Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
 
         # ---------------- light of the sun at the surface ----------------
         active_next = hit & (depth < bounces)
         bsdf = si.bsdf(ray)
         Lr_sun = mi.Color3f(0)
         if dr.hint(sky.has_sun, mode="scalar"):
-            shadow_ray = si.spawn_ray(sky.sun_direction)
+            to_sun = sky.to_sun(sampler, active_next)
+            shadow_ray = si.spawn_ray(to_sun)
             sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
             E_sun = mi.Color3f(sky.sun_irradiance)
             if dr.hint(fog is not None, mode="scalar"):
                 E_sun *= fog.sun_transmittance(si.p.z)  # type: ignore[union-attr]
             with dr.resume_grad(when=not primal):
-                f_sun = bsdf.eval(context, si, si.to_local(sky.sun_direction), sunlit)
+                f_sun = bsdf.eval(context, si, si.to_local(to_sun), sunlit)
                 Lr_sun = dr.select(sunlit, β * f_sun * E_sun, 0)
 
         L = L + Le + Lr_sun if primal else L - Le - dr.detach(Lr_sun)

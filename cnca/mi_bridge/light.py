@@ -35,6 +35,10 @@ class Light:
     sky: Float[np.ndarray, "rows columns 3"]
     """Linear RGB; row 0 looks up, column 0 looks along +x, columns run counter-clockwise."""
 
+    def scaled(self, factor: float) -> Light:
+        """The same light, ``factor`` times as bright."""
+        return Light(self.sun_direction, factor * self.sun_irradiance, factor * self.sky)
+
 
 def sky_directions(rows: int, columns: int) -> Float[np.ndarray, "rows columns 3"]:
     """Unit vectors at the texel centres of a latitude–longitude map."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from cnca.errors import NonFiniteError, TextureError
+from cnca.errors import TextureError
 from cnca.mi_bridge.bridge import Shot, render
+from cnca.mi_bridge.finite import refuse_non_finite
 from cnca.mi_bridge.fog import FogField, solve_fog
+from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
 from cnca.mi_bridge.layers import (
@@ -25,13 +27,20 @@ from cnca.mi_bridge.layers import (
 from cnca.mi_bridge.light import lambertian_white, make_light
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
-from cnca.scene.effects import explain
+from cnca.scene.effects import Demand, EffectPlan, plan
 from cnca.scene.mesh import Part, Vehicle
+from cnca.scene.prices import Subject, mean_coat
 from cnca.scene.weather import Weather
 from cnca.types import Boxes, LinearImages, LinearTexture
 
 WEATHERS_KEPT = 64
 """Weathers whose sky and fog stay in memory (about 3 MB each)."""
+
+MOST_RAYS = 2**24
+"""Rays at once; each takes about 50 bytes."""
+
+DARKEST = 1e-9
+"""White in fog as a share of white above it, starlight to daylight: darker, pictures stay black."""
 
 ROUNDING = 1e-4
 """By how much an albedo may leave [0, 1]; less than the floor that keeps it positive."""
@@ -56,21 +65,32 @@ class MitsubaRenderer:
         bounces: int = 2,
         exposure: float = 1.0,
         props: tuple[Part, ...] = (),
+        demand: Demand | None = None,
     ):
         """
         Args:
             ground_albedo: linear RGB in [0, 1].
             texture_size: texels per side of the textures that :meth:`render` takes.
-            samples: rays per pixel.
-            bounces: surface reflections of a path; 1 is sun and sky alone.
+            samples: rays per pixel, unless ``demand`` asks for others.
+            bounces: surface reflections of a path, likewise; 1 is sun and sky alone.
             exposure: factor on the metered exposure.
             props: other things that stand around; painted ones wear the vehicle's texture.
+            demand: which effects to render how; by default the usual ones.
         """
         self.vehicle = vehicle
         self.ground_albedo = np.asarray(ground_albedo, dtype=np.float64)
-        self.geometry = Geometry(vehicle, self.ground_albedo, texture_size, props)
-        self.samples, self.bounces, self.exposure = samples, bounces, exposure
+        usual = {"samples": str(samples), "interreflection": str(bounces)}
+        self.demand = replace(demand or Demand(), usual=usual)
+        self.exposure = exposure
+        self._coat = mean_coat(replace(vehicle, parts=(*vehicle.parts, *props)))
+
+        self._forward_share = lru_cache(ForwardShare)
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
+        self._texture_size = texture_size
+        texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
+        self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props)
+        self._materials = "coat" if self._coat > 0 else "principled"
+        self.geometry = self._build(self._materials)
 
     def render(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
@@ -80,30 +100,65 @@ class MitsubaRenderer:
         Raises:
             TextureError: the texture has another shape than (3, size, size), holds NaN, or leaves
                 [0, 1].
-            NonFiniteError: a view came out with NaN or infinity.
+            NonFiniteError: a view, or a gradient in the backward pass, holds NaN or infinity.
         """
-        _refuse_bad_texture(albedo.detach(), self.geometry.texture_size)
-        atmosphere = self._atmosphere(weather)
-        shot = Shot(
+        return self._expose(albedo, views, weather, None, seed).permute(0, 3, 1, 2)
+
+    def render_pixels(
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        pixels: Int[np.ndarray, " pixels"],
+        *,
+        seed: int,
+    ) -> Float[torch.Tensor, "pixels 3"]:
+        """Like :meth:`render`, but only these pixels, counted over views, rows and columns."""
+        return self._expose(albedo, views, weather, pixels, seed)
+
+    def _expose(
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        pixels: Int[np.ndarray, " pixels"] | None,
+        seed: int,
+    ) -> Float[torch.Tensor, "*film 3"]:
+        _refuse_bad_texture(albedo.detach(), self._texture_size)
+        chosen = self.plan(albedo, views, weather)
+        if chosen["gradient"] == "off":
+            albedo = albedo.detach()
+        self._wear(chosen["materials"])
+        cameras = self._cameras(views, pixels)
+        atmosphere = self._atmosphere(chosen.weather, chosen["sun"])
+        make_shot = partial(
+            Shot,
             self.geometry,
             atmosphere.surroundings,
-            Cameras(views),
-            samples=self.samples,
-            bounces=self.bounces,
+            cameras,
+            bounces=chosen.bounces,
             seed=seed,
             exposure=atmosphere.exposure * self.exposure,
         )
-        images = render(albedo.permute(1, 2, 0), shot).permute(0, 3, 1, 2)
-        _refuse_non_finite(images.detach(), views, weather, seed)
+        texels = self.geometry.texture_size
+        texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
+        part = max(MOST_RAYS // cameras.lanes(1), 1)
+        parts = [
+            render(texture, make_shot(samples=samples, first=first)) * samples
+            for first in range(0, chosen.samples, part)
+            for samples in [min(part, chosen.samples - first)]
+        ]
+        images = torch.stack(parts).sum(dim=0) / chosen.samples
+        refuse_non_finite(images, texture, cameras, weather, seed)
         return images
 
     def layers(self, views: Sequence[View]) -> Layers:
         """What each view's camera hits first; independent of texture and weather."""
-        return first_hits(self.geometry, Cameras(views))
+        return first_hits(self.geometry, self._cameras(views))
 
     def vehicle_mask(self, views: Sequence[View]) -> Float[np.ndarray, "views height width"]:
         """Share of each pixel that the vehicle covers, in [0, 1]."""
-        return vehicle_mask(self.geometry, Cameras(views))
+        return vehicle_mask(self.geometry, self._cameras(views))
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4) of all pixels that the vehicle touches, xyxy.
@@ -112,29 +167,63 @@ class MitsubaRenderer:
             SceneError: a view does not show the vehicle, or its camera is inside of it.
         """
         for view in views:
-            refuse_inside(self.geometry, view)
+            refuse_inside(self.geometry, self.geometry.local(view))
         return mask_boxes(self.vehicle_mask(views), views)
 
-    def plan(self, weather: Weather) -> list[dict[str, str]]:
-        """Which model stands for each effect in this weather, and why."""
-        surroundings = self._atmosphere(weather).surroundings
-        return explain(weather, has_sun=surroundings.sky.has_sun, bounces=self.bounces)
+    def plan(self, albedo: LinearTexture, views: Sequence[View], weather: Weather) -> EffectPlan:
+        """Which model stands for each effect in these pictures."""
+        subject = Subject(
+            weather,
+            ground=float(self.ground_albedo.mean()),
+            paint=float(albedo.detach().mean().clamp(0, 1)),
+            fog_path=max(_path_in_layer(self.geometry.local(v), weather) for v in views),
+            coat=self._coat,
+            pixels_per_metre=min(_pixels_per_metre(self.geometry.local(view)) for view in views),
+        )
+        return plan(subject, self.demand)
 
-    def _make_atmosphere(self, weather: Weather) -> _Atmosphere:
+    def _cameras(
+        self, views: Sequence[View], pixels: Int[np.ndarray, " pixels"] | None = None
+    ) -> Cameras:
+        return Cameras([self.geometry.local(view) for view in views], pixels)
+
+    def _wear(self, materials: str) -> None:
+        """Exchange the geometry: kernels hold the code of all materials that exist."""
+        if materials != self._materials:
+            self._atmosphere.cache_clear()
+            self._forward_share.cache_clear()
+            self._materials, self.geometry = materials, self._build(materials)
+
+    def _make_atmosphere(self, weather: Weather, sun: str) -> _Atmosphere:
         light = make_light(weather, self.ground_albedo)
-        sky = Sky(light)
+        above = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
+        # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
+        light = light.scaled(1 / above if above > 0 else 1.0)
+        has_map = weather.sky_scale > 0 or above == 0  # something must be there to trace
+        sky = Sky(light, has_map=has_map, sun_disc=sun == "disc")
         fog = weather.fog
         if fog is None or fog.height == 0:
-            white = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
-            return _Atmosphere(Surroundings(sky, None), _exposure(white))
+            return _Atmosphere(Surroundings(sky, None), exposure=1.0)
         field = solve_fog(fog, light, self.ground_albedo)
         white = lambertian_white(*_at_height(field, 1.0), light.sun_direction)
-        return _Atmosphere(Surroundings(sky, FogLayer(fog, field, sky)), _exposure(white))
+        forward = self._forward_share(self.geometry, fog.asymmetry)
+        layer = FogLayer(fog, field, sky, forward)
+        return _Atmosphere(Surroundings(sky, layer), exposure=1 / max(white, DARKEST))
 
 
-def _exposure(white: float) -> float:
-    """Inverse of the metered white; in a night without any light the picture is simply black."""
-    return 1.0 / white if white > 0 else 1.0
+def _pixels_per_metre(view: View) -> float:
+    """At the distance of the vehicle's foot."""
+    distance = max(float(np.linalg.norm(view.origin)), 1e-3)
+    return view.width / (2 * np.tan(np.radians(view.fov) / 2) * distance)
+
+
+def _path_in_layer(view: View, weather: Weather) -> float:
+    """Metres of the way from the camera to the vehicle's foot that lie in fog."""
+    if weather.fog is None:
+        return 0.0
+    height = view.origin[2]
+    inside = min(weather.fog.height / height, 1.0) if height > 0 else 1.0
+    return float(np.linalg.norm(view.origin)) * inside
 
 
 def _at_height(
@@ -153,13 +242,3 @@ def _refuse_bad_texture(albedo: torch.Tensor, size: int) -> None:
     low, high = (float(bound) for bound in torch.aminmax(albedo))  # NaN if any texel is
     if not (low >= -ROUNDING and high <= 1 + ROUNDING):
         raise TextureError(f"texture has values from {low:g} to {high:g}: albedo lies in [0, 1]")
-
-
-def _refuse_non_finite(
-    images: torch.Tensor, views: Sequence[View], weather: Weather, seed: int
-) -> None:
-    finite = torch.isfinite(images).flatten(1).all(dim=1)
-    if not finite.all():
-        view = views[int((~finite).nonzero()[0, 0])].name
-        effect = "fog" if weather.fog else "clear air"
-        raise NonFiniteError(f"render of view {view} in {effect} with seed {seed} is not finite")

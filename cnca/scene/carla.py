@@ -78,7 +78,8 @@ def carla_view(
         camera: the camera in world-parallel axes, relative to the vehicle's location.
         lift: metres by which our z = 0 (the lowest point of the vehicle) lies above the vehicle's
             location along its own up axis; negative where CARLA's location is above the ground.
-            :func:`cnca.scene.outline.fit_lift` measures it.
+            It differs between frames where the stored location is the one that the vehicle was
+            dropped from onto its springs; :func:`cnca.scene.outline.fit_lift` measures it.
         width: pixels per row.
         height: rows.
         fov: horizontal field of view in degrees.

@@ -18,7 +18,7 @@ class Material:
     base_color: LinearRgb
     """Linear reflectance; for ``paint`` only the colour before a texture is given."""
     roughness: float
-    """0 a mirror, 1 chalk; the microfacet width is its square."""
+    """0 a mirror, 1 chalk; the microfacet width is its square, but at least 0.001."""
     specular: float = 0.5
     """Reflection at normal incidence as a fraction of 8 %: 0.5 is a refractive index of 1.5."""
     clearcoat: float = 0.0

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from cnca.scene.materials import MATERIALS, Material
+
 
 @dataclass(frozen=True)
 class Part:
@@ -30,3 +32,9 @@ class Vehicle:
 
     name: str
     parts: tuple[Part, ...]
+    paint: Material = MATERIALS["paint"]
+    """How the paint reflects light; its colour is the texture's."""
+
+    def material(self, name: str) -> Material:
+        """What a part of the material ``name`` is made of."""
+        return self.paint if name == "paint" else MATERIALS[name]

@@ -1,41 +1,30 @@
 """How well a vehicle's outline meets a photograph, and the lift that makes it meet best.
 
-The measure needs no segmentation: from points on the outline of the projected mesh it looks along
-the outline's normal, up to 15 pixels to either side, for the outermost prominent edge of the
-photograph.  Outermost, because a vehicle is full of edges of its own (windows, wheels); prominent,
-because the ground has faint ones.  The signed distances in pixels are the error.  Their median
-shrugs off points where a lane marking lies beside the vehicle; edges at random would give 7 px.
+GrabCut (Rother, Kolmogorov and Blake, 2004) parts the photograph into vehicle and surroundings: the
+projected mesh says roughly where the vehicle is, and within 15 pixels of its outline the colours
+and edges of the photograph decide.  Edges alone would not do: a lane marking or a kerb that runs
+along the roof is a stronger one than the roof's own.  The error is the distance in pixels from the
+points of either outline to the other one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from cnca.errors import SceneError
 from cnca.scene.cameras import View
 from cnca.scene.images import SrgbArray
 from cnca.scene.mesh import Vehicle
 
-REACH = 15.0
-"""Pixels to either side of the outline in which edges are looked for."""
-PROMINENT = 0.5
-"""An edge counts from this fraction of the strongest one within reach."""
+REACH = 15
+"""Pixels to either side of the projected outline in which the photograph decides."""
+_SURROUNDINGS = 4 * REACH
+"""Pixels around the vehicle whose colours stand for the surroundings'."""
 _SUBPIXEL_BITS = 4
-
-
-@dataclass(frozen=True)
-class OutlineFit:
-    """A fitted lift and how well the outlines then meet."""
-
-    lift: float
-    """Metres to pass to :func:`cnca.scene.carla.carla_view` in addition to the views' own."""
-    errors: tuple[float, ...]
-    """Median distance from outline to edge in pixels, one for each photograph."""
 
 
 def project(
@@ -77,75 +66,93 @@ def silhouette(vehicle: Vehicle, view: View) -> Bool[np.ndarray, "height width"]
     return mask.astype(bool)
 
 
-def edge_offsets(
-    mask: Bool[np.ndarray, "height width"], photograph: SrgbArray, *, reach: float = REACH
-) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, " points"]]:
-    """Look for the photograph's edge near every third point of the mask's outline.
+def photographed_silhouette(
+    mask: Bool[np.ndarray, "height width"], photograph: SrgbArray
+) -> Bool[np.ndarray, "height width"]:
+    """Return the photograph's pixels of the vehicle that ``mask`` covers to within :data:`REACH`.
 
-    Returns the outline's outward unit normals (x right, y down) and the signed distance in pixels,
-    positive outwards, to the outermost edge within ``reach`` that is :data:`PROMINENT`.  Points
-    whose search would leave the picture are left out.
+    Raises SceneError if no outline of a vehicle wider than twice that lies in the picture.
     """
-    points, normals = _outline(mask)
-    distances = np.arange(-reach, reach + 0.25, 0.5)
-    samples = (points[:, None] + distances[:, None] * normals[:, None]).astype(np.float32)
-    height, width = mask.shape
-    inside = ((samples >= 1) & (samples <= (width - 2, height - 2))).all(axis=(1, 2))
-    samples, normals = samples[inside], normals[inside]
-    smooth = cv2.GaussianBlur(photograph, (0, 0), 1.0)
-    profile = cv2.remap(smooth, samples[..., 0], samples[..., 1], cv2.INTER_LINEAR)
-    strength = np.linalg.norm(np.gradient(profile, axis=1), axis=2)
-    padded = np.pad(strength, ((0, 0), (1, 1)))
-    peak = (strength >= padded[:, :-2]) & (strength >= padded[:, 2:])
-    peak &= strength >= PROMINENT * strength.max(axis=1, keepdims=True)
-    outermost = len(distances) - 1 - peak[:, ::-1].argmax(axis=1)
-    return normals, distances[outermost]
+    covered = mask.astype(np.uint8)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH + 1, 2 * REACH + 1))
+    core = cv2.erode(covered, disc) > 0
+    if not core.any() or mask.all():
+        raise SceneError(
+            f"no outline of a vehicle wider than {2 * REACH} pixels lies in the picture; "
+            "check the camera's pose and lift"
+        )
+    labels = np.where(mask, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[cv2.dilate(covered, disc) == 0] = cv2.GC_BGD
+    labels[core] = cv2.GC_FGD
+    x, y, width, height = cv2.boundingRect(covered)
+    rows = slice(max(y - _SURROUNDINGS, 0), y + height + _SURROUNDINGS)
+    columns = slice(max(x - _SURROUNDINGS, 0), x + width + _SURROUNDINGS)
+    near = np.ascontiguousarray(labels[rows, columns])
+    picture = np.rint(photograph[rows, columns] * 255).astype(np.uint8)
+    cv2.setRNGSeed(0)  # the first clusters of colours are drawn at random
+    cv2.grabCut(picture, near, None, None, None, 5, cv2.GC_INIT_WITH_MASK)
+    cut = np.zeros_like(covered)
+    cut[rows, columns] = np.isin(near, (cv2.GC_FGD, cv2.GC_PR_FGD))
+    whole = cv2.drawContours(np.zeros_like(cut), [_outline(cut > 0)], -1, 1, cv2.FILLED)
+    return whole.astype(bool)
 
 
-def fit_lift(
-    vehicle: Vehicle, views: Sequence[View], photographs: Sequence[SrgbArray]
-) -> OutlineFit:
-    """Return by how much the vehicle must be lifted for its outline to meet the photographs.
+def outline_distances(
+    drawn: Bool[np.ndarray, "height width"], photographed: Bool[np.ndarray, "height width"]
+) -> Float[np.ndarray, " points"]:
+    """Return how many pixels the points of either outline lie from the other outline.
 
+    Points on the border of the picture are left out: it cuts off both.
+    """
+    return np.concatenate(
+        [np.abs(_offsets(drawn, photographed)[1]), np.abs(_offsets(photographed, drawn)[1])]
+    )
+
+
+def fit_lift(vehicle: Vehicle, view: View, photograph: SrgbArray) -> float:
+    """Return the metres by which the vehicle must be lifted to meet the photograph best.
+
+    They add to the ``lift`` that :func:`cnca.scene.carla.carla_view` was given.
     A Gauss–Newton iteration in one unknown: raising the vehicle by ``d`` moves an outline point
-    along its normal ``n`` by ``d · n·∂p/∂z``; each edge offset is thus one estimate of ``d``, and
-    their median, weighted by ``|n·∂p/∂z|``, is the least absolute deviation solution.
-    The views' own lift must be right to within about 15 pixels; later rounds look less far, so that
-    lane markings count for less.  Raises SceneError if a view has the vehicle behind the camera.
+    along its normal ``n`` by ``d · n·∂p/∂z``; the distance to the photograph's outline is thus one
+    estimate of ``d`` for each point, and their median, weighted by ``|n·∂p/∂z|``, is the least
+    absolute deviation solution.  The view's own lift must be right to within about
+    :data:`REACH` pixels.  Raises SceneError as :func:`silhouette` and
+    :func:`photographed_silhouette` do.
     """
+    photographed = photographed_silhouette(silhouette(vehicle, view), photograph)
     lift = 0.0
-    for reach in (REACH, REACH, REACH / 2, REACH / 2, REACH / 3, REACH / 3):
-        estimates, weights = [], []
-        for view, photograph in zip(views, photographs, strict=True):
-            raised = _raised(view, lift)
-            normals, offsets = edge_offsets(silhouette(vehicle, raised), photograph, reach=reach)
-            motion = normals @ _pixels_per_metre(raised)
-            useful = np.abs(motion) > 0.3 * np.abs(motion).max()
-            estimates.append(offsets[useful] / motion[useful])
-            weights.append(np.abs(motion[useful]))
-        lift += _weighted_median(np.concatenate(estimates), np.concatenate(weights))
-    pairs = zip(views, photographs, strict=True)
-    return OutlineFit(lift, tuple(outline_error(vehicle, _raised(v, lift), p) for v, p in pairs))
+    for _ in range(5):
+        raised = _raised(view, lift)
+        normals, offsets = _offsets(silhouette(vehicle, raised), photographed)
+        motion = normals @ _pixels_per_metre(raised)
+        useful = np.abs(motion) > 0.3 * np.abs(motion).max()
+        lift += _weighted_median(offsets[useful] / motion[useful], np.abs(motion[useful]))
+    return lift
 
 
-def outline_error(vehicle: Vehicle, view: View, photograph: SrgbArray) -> float:
-    """Return the median distance in pixels between the vehicle's outline and the nearby edges."""
-    return float(np.median(np.abs(edge_offsets(silhouette(vehicle, view), photograph)[1])))
-
-
-def _outline(
-    mask: Bool[np.ndarray, "height width"],
-) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, "points 2"]]:
-    """Every third point of the outer contour and its outward normal, in OpenCV's coordinates."""
+def _outline(mask: Bool[np.ndarray, "height width"]) -> Int[np.ndarray, "points 2"]:
+    """The last pixels (x, y) inside the mask's piece with the longest outline, in order."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    points = max(contours, key=len)[::3, 0]
+    return max(contours, key=len)[:, 0]
+
+
+def _offsets(
+    mask: Bool[np.ndarray, "height width"], other: Bool[np.ndarray, "height width"]
+) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, " points"]]:
+    """Outward unit normals of the mask's outline, and how far it must move to meet the other's."""
+    points = _outline(mask)
+    inside = ((points > 0) & (points < np.array(mask.shape[::-1]) - 1)).all(axis=1)
+    x, y = points[inside].T
     # The blurred mask falls from 1 inside to 0 outside, so that its gradient points inwards.
     field = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 2.0)
     slopes = np.stack([cv2.Sobel(field, cv2.CV_32F, 1, 0), cv2.Sobel(field, cv2.CV_32F, 0, 1)], -1)
-    inward = slopes[points[:, 1], points[:, 0]]
+    inward = slopes[y, x]
     normals = -inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-6)
-    # The points are the centres of the last pixels inside; the outline runs half a pixel further.
-    return points + 0.5 * normals, normals
+    # An outline's pixels are the last ones inside, at a distance of 1 from the nearest outside.
+    depth = cv2.distanceTransform(other.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 1
+    height = cv2.distanceTransform(1 - other.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return normals, np.where(other, depth, -height)[y, x]
 
 
 def _raised(view: View, lift: float) -> View:

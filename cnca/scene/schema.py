@@ -12,6 +12,7 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from cnca.errors import SceneError, did_you_mean
+from cnca.scene.materials import MATERIALS
 from cnca.scene.weather import Fog, Weather
 
 
@@ -39,6 +40,15 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
+class FinishSection(Section):
+    """How the paint reflects light; see :class:`cnca.scene.materials.Material`."""
+
+    roughness: Unit = MATERIALS["paint"].roughness
+    metallic: Unit = MATERIALS["paint"].metallic
+    clearcoat: Unit = MATERIALS["paint"].clearcoat
+    clearcoat_gloss: Unit = MATERIALS["paint"].clearcoat_gloss
+
+
 class VehicleSection(Section):
     """The vehicle and its paint."""
 
@@ -62,6 +72,8 @@ class VehicleSection(Section):
     """Picture in UV space of everything that is not paint, and of the paint before an attack."""
     paint: Color = (0.75, 0.76, 0.78)
     """sRGB colour of the plain paint where there is no base texture."""
+    finish: FinishSection = FinishSection()
+    """The paint's gloss."""
     texture_size: Annotated[int, Field(ge=1, le=8192)] = 512
     """Texels per side of the texture that the renderer sees."""
 

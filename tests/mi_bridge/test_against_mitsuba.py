@@ -8,43 +8,12 @@ import pytest
 from cnca.mi_bridge.integrator import Sky
 from cnca.mi_bridge.light import Light, make_light, sky_directions
 from cnca.mi_bridge.rays import Cameras
+from cnca.mi_bridge.reference import lit_by_mitsuba, mitsuba_picture, volpath_picture
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit
-from tests.mi_bridge.tracing import diffuse, picture, pixels, sampler_for, surroundings
-
-
-def as_envmap(sky: np.ndarray) -> dict:
-    """The same sky as Mitsuba's ``envmap``: y up, φ from −z to +x, here turned to z up."""
-    columns = sky.shape[1]
-    order = (columns // 4 - 1 - np.arange(columns)) % columns
-    turned = mi.ScalarTransform4f(
-        np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
-    )
-    bitmap = mi.Bitmap(np.ascontiguousarray(sky[:, order], dtype=np.float32))
-    return {"type": "envmap", "bitmap": bitmap, "to_world": turned}
-
-
-def lit_by_mitsuba(scene: mi.Scene, light: Light, **more) -> mi.Scene:
-    shapes = {f"shape_{i}": shape for i, shape in enumerate(scene.shapes())}
-    sun = {
-        "type": "directional",
-        "direction": (-light.sun_direction).tolist(),
-        "irradiance": {"type": "rgb", "value": light.sun_irradiance.tolist()},
-    }
-    return mi.load_dict(
-        {"type": "scene", "sky": as_envmap(light.sky), "sun": sun, **shapes, **more}
-    )
-
-
-def mitsuba_picture(scene, integrator, views, *, samples, seed=1, medium=None) -> np.ndarray:
-    cameras = Cameras(views)
-    ray, _ = cameras.rays(samples, dr.opaque(mi.UInt32, seed))
-    sampler = sampler_for(cameras.lanes(samples), seed)
-    ray = mi.RayDifferential3f(ray)
-    radiance, _, _ = mi.load_dict(integrator).sample(scene, sampler, ray, medium)
-    return pixels(mi.Color3f(radiance), cameras, samples)
+from tests.mi_bridge.tracing import diffuse, picture, surroundings
 
 
 def bias(found: list[np.ndarray], expected: list[np.ndarray]) -> tuple[float, float]:
@@ -81,10 +50,10 @@ def test_clear_air_agrees_with_mitsubas_path(renderer, light, painted):
     """The same pictures but for noise: z-scores of all pixels are those of chance."""
     view, runs = orbit(35, 15, 6), range(8)
     around = surroundings(light)
-    reference = lit_by_mitsuba(painted, light)
+    reference, cameras = lit_by_mitsuba(painted, light), Cameras([view])
     path = {"type": "path", "max_depth": 4, "rr_depth": 100, "hide_emitters": False}
     ours = [picture(painted, around, [view], samples=128, bounces=3, seed=s)[0] for s in runs]
-    theirs = [mitsuba_picture(reference, path, [view], samples=128, seed=50 + s)[0] for s in runs]
+    theirs = [mitsuba_picture(reference, path, cameras, samples=128, seed=50 + s)[0] for s in runs]
     difference = np.mean(ours, axis=0) - np.mean(theirs, axis=0)
     variance = np.var(ours, axis=0, ddof=1) + np.var(theirs, axis=0, ddof=1)
     on_vehicle = renderer.vehicle_mask([view])[0] == 1
@@ -95,33 +64,16 @@ def test_clear_air_agrees_with_mitsubas_path(renderer, light, painted):
     assert abs(relative) < 0.005 + 3 * error
 
 
-def in_fog(scene: mi.Scene, light: Light, fog: Fog) -> tuple[mi.Scene, mi.Medium]:
-    """The scene lit by Mitsuba's emitters, in a box of droplets 6 km wide."""
-    medium = mi.load_dict(
-        {
-            "type": "homogeneous",
-            "albedo": fog.albedo,
-            "sigma_t": fog.extinction,
-            "phase": {"type": "hg", "g": fog.asymmetry},
-        }
-    )
-    low, high = -1.0, fog.height
-    to_world = mi.ScalarTransform4f().translate([0, 0, (low + high) / 2])
-    to_world = to_world @ mi.ScalarTransform4f().scale([3000, 3000, (high - low) / 2])
-    layer = {"type": "cube", "to_world": to_world, "bsdf": {"type": "null"}, "interior": medium}
-    return lit_by_mitsuba(scene, light, layer=layer), medium
-
-
-def fog_bias(scene, light, fog: Fog, view, where, *, samples: int, runs: int, ground=0.15):
+def fog_bias(
+    scene, light, fog: Fog, view, where, *, samples: int, runs: int, ground=0.15, geometry=None
+):
     """Bias against ``volpath`` on the pixels ``where``, and its standard error."""
-    reference, medium = in_fog(scene, light, fog)
-    volpath = {"type": "volpath", "max_depth": 128, "rr_depth": 64}
-    around = surroundings(light, fog, ground=ground)
+    around = surroundings(light, fog, ground, geometry)
     ours, theirs = [], []
     for seed in range(runs):
         found = picture(scene, around, [view], samples=samples, bounces=4, seed=seed)
-        expected = mitsuba_picture(
-            reference, volpath, [view], samples=4 * samples, seed=50 + seed, medium=medium
+        expected = volpath_picture(
+            scene, light, fog, Cameras([view]), samples=4 * samples, seed=50 + seed
         )
         ours.append(found[0][where])
         theirs.append(expected[0][where])
@@ -142,12 +94,15 @@ def test_fog_over_bare_ground_agrees_with_volpath(light, target):
     assert abs(relative) < 0.02 + 3 * error
 
 
-def vehicle_bias(renderer, light, fog: Fog, *, size: int, samples: int, runs: int):
-    """Bias on the pixels that show nothing but the vehicle, 6 m away."""
-    view = orbit(35, 15, 6, width=size, height=size)
+def vehicle_bias(
+    renderer, light, fog: Fog, *, size: int, samples: int, runs: int, distance=6.0, azimuth=35.0
+):
+    """Bias on the pixels that show nothing but the vehicle."""
+    view = orbit(azimuth, 15, distance, width=size, height=size)
     where = renderer.vehicle_mask([view])[0] == 1
-    scene = renderer.geometry.scene
-    return fog_bias(scene, light, fog, view, where, samples=samples, runs=runs)
+    geometry = renderer.geometry
+    scene = geometry.scene
+    return fog_bias(scene, light, fog, view, where, samples=samples, runs=runs, geometry=geometry)
 
 
 def test_a_vehicle_in_fog_agrees_with_volpath(renderer, light, painted):

@@ -183,7 +183,7 @@ def test_textures_of_another_size_are_refused(renderer):
 
 def test_an_image_that_is_not_finite_is_reported_with_view_effect_and_seed(renderer, monkeypatch):
     def broken(albedo, shot):
-        image = torch.zeros(shot.film_shape)
+        image = torch.zeros(*shot.cameras.film_shape, 3)
         image[1, 0, 0, 0] = float("nan")
         return image
 
@@ -191,3 +191,17 @@ def test_an_image_that_is_not_finite_is_reported_with_view_effect_and_seed(rende
     views = [orbit(name="left"), orbit(name="right")]
     with pytest.raises(NonFiniteError, match="view right in fog with seed 9"):
         renderer.render(random_texture(), views, FOGGY, seed=9)
+
+
+def test_a_picture_of_many_samples_is_rendered_in_parts(renderer, monkeypatch):
+    """Parts go on with one evenly spread set: their mean is as good as the whole."""
+    texture, view = random_texture(), orbit()
+    whole = renderer.render(texture, [view], CLEAR, seed=SEED)
+    whole_gradient = gradient(renderer, texture)
+    monkeypatch.setattr(renderer_module, "MOST_RAYS", view.width * view.height * 24)
+    parts = renderer.render(texture, [view], CLEAR, seed=SEED)
+    assert not torch.equal(parts, whole)
+    other = renderer.render(texture, [view], CLEAR, seed=SEED + 1)
+    assert (parts - whole).square().mean() < (other - whole).square().mean()
+    similarity = torch.nn.functional.cosine_similarity
+    assert similarity(gradient(renderer, texture).ravel(), whole_gradient.ravel(), dim=0) > 0.99

@@ -57,6 +57,12 @@ def test_a_grey_ball_in_a_uniform_sky_shows_its_albedo():
 HEIGHT = 20.0
 
 
+def surface_at(distance: float) -> mi.SurfaceInteraction3f:
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.t = mi.Float(distance)
+    return si
+
+
 def path_in_layer(origin: float, slope: float, distance: float) -> float:
     """Length below ``HEIGHT`` of a ray from height ``origin``, by cutting it at the layer's top."""
     inside, leaves_or_enters = origin < HEIGHT, (slope > 0) == (origin < HEIGHT) and slope != 0
@@ -74,7 +80,7 @@ def test_camera_rays_obey_beer_and_lambert(origin, slope, distance):
     layer = surroundings(uniform_light(), fog, ground=1.0).fog
     ray = mi.Ray3f(mi.Point3f(0, 0, origin), mi.Vector3f((1 - slope**2) ** 0.5, 0, slope))
     number = mi.Float(np.linspace(0.01, 0.99, 5))
-    transmittance, airlight = layer.segment(ray, mi.Float(distance), number, mi.Bool(True))
+    transmittance, airlight = layer.segment(ray, surface_at(distance), number, mi.Bool(True))
     expected = np.exp(-fog.extinction * path_in_layer(origin, slope, distance))
     np.testing.assert_allclose(transmittance, expected, rtol=1e-4, atol=1e-7)
     # In a furnace with droplets that absorb 1 %, the air gives back a bit less than it takes.
@@ -102,9 +108,9 @@ def test_the_mean_airlight_is_the_integral_of_the_source_function():
     d = mi.Vector3f(0.8, 0, 0.6)
     ray = mi.Ray3f(mi.Point3f(0, 0, 1), d)
     share = mi.Float((np.arange(4096) + 0.5) / 4096)
-    _, airlight = layer.segment(ray, mi.Float(25.0), share, mi.Bool(True))
+    _, airlight = layer.segment(ray, surface_at(25.0), share, mi.Bool(True))
     s = 25.0 * share
-    source = layer._source_function(1 + s * d.z, d, mi.Bool(True))
+    source, _ = layer._source_function(1 + s * d.z, d, mi.Bool(True))
     integrand = layer.sigma_t * dr.exp(-layer.sigma_t * s) * source
     expected = 25.0 * np.array(integrand).mean(axis=1)
     np.testing.assert_allclose(np.array(airlight).mean(axis=1), expected, rtol=1e-3)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cnca.mi_bridge.fog import solve_fog
+from cnca.mi_bridge.forward import ForwardShare
+from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings, trace
 from cnca.mi_bridge.light import Light
 from cnca.mi_bridge.rays import Cameras, average_samples
@@ -12,11 +14,18 @@ from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.weather import Fog
 
 
-def surroundings(light: Light, fog: Fog | None = None, ground: float = 0.0) -> Surroundings:
+def surroundings(
+    light: Light,
+    fog: Fog | None = None,
+    ground: float = 0.0,
+    geometry: Geometry | None = None,
+) -> Surroundings:
     sky = Sky(light)
     if fog is None:
         return Surroundings(sky, None)
-    return Surroundings(sky, FogLayer(fog, solve_fog(fog, light, np.full(3, ground)), sky))
+    forward = ForwardShare(geometry, fog.asymmetry) if geometry else None
+    field = solve_fog(fog, light, np.full(3, ground))
+    return Surroundings(sky, FogLayer(fog, field, sky, forward))
 
 
 def sampler_for(lanes: int, seed: int) -> mi.Sampler:

@@ -1,0 +1,70 @@
+"""Pictures in which only the vehicle is rendered anew, over a background that is kept.
+
+The paper composes X = B + X_ren likewise (equations 1 and 2).  What is neglected is the light that
+the texture throws on its surroundings: they keep what they had from the plain paint.  The loop
+spends its rays on the vehicle's pixels, a small part of the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.scene.cameras import View
+from cnca.scene.weather import Weather
+from cnca.types import Boxes, LinearImages, LinearTexture
+
+
+@dataclass(frozen=True)
+class _Background:
+    image: Float[torch.Tensor, "3 height width"]
+    pixels: Int[np.ndarray, " pixels"]
+    """Flat indices of the pixels that the vehicle touches."""
+
+
+class KeptBackgrounds:
+    """Renders the vehicle's pixels of each view; a :class:`cnca.protocols.Renderer`.
+
+    The first picture of a view in a weather is rendered whole, in the plain paint, and kept:
+    meant for a loop that comes back to the same views.
+    """
+
+    def __init__(self, renderer: MitsubaRenderer, plain: LinearTexture):
+        self.renderer, self.plain = renderer, plain
+        self._kept: dict[tuple[View, Weather], _Background] = {}
+        self._boxes: dict[View, torch.Tensor] = {}
+
+    def render(
+        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
+    ) -> LinearImages:
+        """Exposed linear images (views, 3, height, width), differentiable in ``albedo``."""
+        self._take(views, weather, seed)
+        kept = [self._kept[view, weather] for view in views]
+        height, width = kept[0].image.shape[1:]
+        pixels = np.concatenate([k * height * width + b.pixels for k, b in enumerate(kept)])
+        vehicle = self.renderer.render_pixels(albedo, views, weather, pixels, seed=seed)
+        background = torch.stack([b.image for b in kept]).permute(0, 2, 3, 1).reshape(-1, 3)
+        images = background.index_copy(0, torch.from_numpy(pixels), vehicle)
+        return images.reshape(len(views), height, width, 3).permute(0, 3, 1, 2)
+
+    def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
+        """Bounding boxes (views, 4), xyxy in pixels; see :class:`MitsubaRenderer`."""
+        new = [view for view in views if view not in self._boxes]
+        if new:
+            self._boxes.update(zip(new, self.renderer.vehicle_boxes(new), strict=True))
+        return torch.stack([self._boxes[view] for view in views])
+
+    @torch.no_grad()
+    def _take(self, views: Sequence[View], weather: Weather, seed: int) -> None:
+        """Render what is not kept yet."""
+        new = [view for view in views if (view, weather) not in self._kept]
+        if not new:
+            return
+        images = self.renderer.render(self.plain, new, weather, seed=seed)
+        for view, image, mask in zip(new, images, self.renderer.vehicle_mask(new), strict=True):
+            self._kept[view, weather] = _Background(image.clone(), np.flatnonzero(mask > 0))
