@@ -118,8 +118,9 @@ def accuracy(renderer: MitsubaRenderer, weather: Weather, options: argparse.Name
 
     def reference(texture: torch.Tensor, seed: int) -> np.ndarray:
         renderer.render(texture, [view], weather, seed=0)  # binds the texture
+        cameras = Cameras([renderer.geometry.local(view)])
         picture = volpath_picture(
-            renderer.geometry.scene, light, fog, Cameras([view]), samples=options.spp, seed=seed
+            renderer.geometry.scene, light, fog, cameras, samples=options.spp, seed=seed
         )
         return exposure * picture[0][where]
 

@@ -47,7 +47,7 @@ class Settings:
     """Bound on each element of F_adv, ≥ 0; ``inf`` for none."""
     steps: int = 100
     views_per_step: int = 8
-    view_pool: int = 512
+    view_pool: int = 256
     """Pictures that the steps come back to, so that backends may keep what never changes."""
     learning_rate: float = 0.01
     """Adam's step size; the paper's value."""

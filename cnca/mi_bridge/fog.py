@@ -9,27 +9,24 @@ I is the diffuse radiance (the sky that came through included), J the source fun
 droplets' albedo, p the phase function, E_s the sun's irradiance above the layer.  A ray of length
 ℓ through the fog then gathers ∫ σ_t exp(−σ_t s) J ds: fog costs a table look-up, not a random walk.
 
-Neglected: the shadow that the vehicle casts into the fog, and the paint's own light, which forward
-scattering would keep in the vehicle's image.  Measured against ``volpath`` on a box at 6 m in 30 m
-visibility: paint of albedo 0.02 comes out 36 % too bright, of albedo 0.9 17 % too dark; in 100 m
-18 % and 11 %.  Over bare ground the field is right to 2 %.
+Neglected: the vehicle, both the shadow that it casts into the fog and the light that it takes from
+its surroundings.  Its own light, scattered forwards, is :mod:`cnca.mi_bridge.forward`'s.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from cnca.errors import NonFiniteError
 from cnca.mi_bridge.light import Light, sky_directions, sky_solid_angles
 from cnca.scene.weather import Fog
 
 ROWS, COLUMNS, LEVELS = 24, 32, 24
-TOLERANCE = 1e-5
-"""Relative residual at which the transfer equation counts as solved."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +67,10 @@ def henyey_greenstein(
 
 
 def solve_fog(fog: Fog, light: Light, ground_albedo: Float[np.ndarray, "3"]) -> FogField:
-    """Solve the transfer equation with discrete ordinates and GMRES.
+    """Solve the transfer equation with discrete ordinates.
 
     Raises:
-        NonFiniteError: the solution is not finite, or GMRES does not converge.
+        NonFiniteError: the solution is not finite.
     """
     stretch = 1 + 0.5 * np.log(max(fog.extinction * fog.height, 1.0))
     heights = level_heights(fog.height, stretch)
@@ -96,18 +93,12 @@ def solve_fog(fog: Fog, light: Light, ground_albedo: Float[np.ndarray, "3"]) -> 
     def scatter(radiance: np.ndarray) -> np.ndarray:
         return np.einsum("de,lec->ldc", scattering, radiance, optimize=True)
 
-    def residual(source: np.ndarray) -> np.ndarray:
-        source = source.reshape(shape)
-        return (source - scatter(layer.radiance(source))).ravel()
-
     # Source = scattering of what comes from outside + scattering of what the source itself emits.
     incoming = layer.radiance(np.zeros(shape), sunlight, sky, ground_sun)
-    first = scatter(incoming)
-    operator = LinearOperator((first.size, first.size), matvec=residual)
-    solution, failed = gmres(operator, first.ravel(), rtol=TOLERANCE, restart=40, maxiter=25)
-    source = solution.reshape(shape)
+    meridian = partial(_Layer, fog.extinction, heights, directions[::COLUMNS], weights[::COLUMNS])
+    source = _scattered_again(scatter(incoming), scattering, meridian, ground_albedo)
     radiance = incoming + layer.radiance(source)
-    if failed or not (np.isfinite(source).all() and np.isfinite(radiance).all()):
+    if not (np.isfinite(source).all() and np.isfinite(radiance).all()):
         raise NonFiniteError(f"fog field has no finite solution for {fog}")
     grid = (LEVELS, ROWS, COLUMNS, 3)
     return FogField(heights, stretch, radiance.reshape(grid), source.reshape(grid), sun)
@@ -195,6 +186,34 @@ class _Layer:
             + n * source[near, which]
             + added[which]
         )
+
+
+def _scattered_again(
+    first: Float[np.ndarray, "levels n 3"],
+    scattering: Float[np.ndarray, "n n"],
+    meridian: Callable[[float], _Layer],
+    ground_albedo: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "levels n 3"]:
+    """Solve J = first + S R J; R are the rays inside the layer, S is the scattering.
+
+    Neither knows an azimuth, so each Fourier mode of the azimuth is a small system of its own
+    (Chandrasekhar 1960, section 48); only the mean over azimuths meets the ground.
+    """
+    size = LEVELS * ROWS
+    unit = np.eye(size).reshape(LEVELS, ROWS, size)
+    phase = np.fft.rfft(scattering.reshape(ROWS, COLUMNS, ROWS, COLUMNS)[:, 0]).real
+    modes = np.fft.rfft(first.reshape(LEVELS, ROWS, COLUMNS, 3), axis=2)
+
+    def solve(mode: int, rays: np.ndarray, right: np.ndarray) -> np.ndarray:
+        matrix = np.eye(size) - (phase[..., mode] @ rays).reshape(size, size)
+        return np.linalg.solve(matrix, right.reshape(size, -1)).reshape(right.shape)
+
+    for color, albedo in enumerate(ground_albedo):
+        modes[:, :, 0, color] = solve(0, meridian(albedo).radiance(unit), modes[:, :, 0, color])
+    rays = meridian(0.0).radiance(unit)
+    for mode in range(1, modes.shape[2]):
+        modes[:, :, mode] = solve(mode, rays, modes[:, :, mode])
+    return np.fft.irfft(modes, COLUMNS, axis=2).reshape(first.shape)
 
 
 def _phase_matrix(

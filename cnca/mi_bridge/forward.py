@@ -38,6 +38,7 @@ class ForwardShare:
     def __init__(self, geometry: Geometry, asymmetry: float):
         self.ground = mi.ShapePtr(geometry.ground)
         dr.make_opaque(self.ground)
+        self.top = float(geometry.vehicle_bounds[1][2])  # of the vehicle, in metres
         share = measure_share(geometry, asymmetry)
         table = np.stack([share, integrated(share)], axis=-1)
         self._table = mi.Texture1f(mi.TensorXf(np.float32(table)), wrap_mode=dr.WrapMode.Clamp)

@@ -87,6 +87,7 @@ class FogLayer:
         self.inv_mu_sun = dr.rcp(dr.maximum(sky.sun_direction.z, 1e-4))
         dr.make_opaque(self.inv_mu_sun)
         self.forward = forward
+        self.covers = forward is not None and fog.height > forward.top
         self._levels, _, self._columns, _ = field.source.shape
         table = field.source
         if forward is not None:
@@ -120,7 +121,9 @@ class FogLayer:
         ahead = lit & si.is_valid() & (si.shape != self.forward.ground)
         u = dr.select(ahead, si.t - start, 0)  # distance from the surface at which fog begins
         f, Φ = self.forward(u - s, ahead)
-        Φ_start, Φ_end = (self.forward(x, ahead)[1] for x in (u, u - length))
+        Φ_start = self.forward(u, ahead)[1]
+        # Fog that covers the vehicle reaches up to its surface, where Φ is 0.
+        Φ_end = mi.Float(0) if self.covers else self.forward(u - length, ahead)[1]
         # Optical depths that forward scattering gives back: up to s, and on the whole ray.
         back = self.sigma_t * self.albedo
         regained, regained_all = back * (Φ_start - Φ), back * (Φ_start - Φ_end)

@@ -65,10 +65,15 @@ def test_a_few_steps_along_the_gradient_darken_the_picture():
     assert brightness[-1] < 0.6 * brightness[0]
 
 
-@pytest.mark.xfail(reason="trained too briefly: styles of the same colours look alike", strict=True)
-def test_styles_of_the_same_colours_differ(shipped):
+def test_balls_differ_from_other_styles_of_the_same_colours(shipped):
     graffiti, camouflage, balls = (paint(shipped, prompt) for prompt in STYLES)
-    assert min(distance(graffiti, camouflage), distance(camouflage, balls)) > 0.1
+    assert min(distance(graffiti, balls), distance(camouflage, balls)) > 0.1
+
+
+@pytest.mark.xfail(reason="from the same noise these two still look alike", strict=True)
+def test_graffiti_differ_from_camouflage_of_the_same_colours(shipped):
+    graffiti, camouflage, _ = (paint(shipped, prompt) for prompt in STYLES)
+    assert distance(graffiti, camouflage) > 0.1
 
 
 def test_the_grip_grows_with_tau(shipped):
@@ -79,3 +84,19 @@ def test_the_grip_grows_with_tau(shipped):
         for tau in (0.25, 1.0)
     )
     assert large > 1.5 * small
+
+
+@pytest.mark.xfail(reason="trained too briefly: F_adv has a weak grip on places", strict=True)
+def test_a_few_steps_along_the_gradient_brighten_one_half_only():
+    generator = DiffusionTextureGenerator.load(steps=6)
+    text = generator.encode("colorful camouflage")
+    feature = initial(generator.feature_shape)
+    contrast = []
+    for _ in range(5):
+        feature.requires_grad_()
+        texture = generator.generate(text, feature, torch.Generator().manual_seed(0))
+        left, right = texture.chunk(2, dim=2)
+        contrast.append(right.mean() - left.mean())
+        (gradient,) = torch.autograd.grad(contrast[-1], feature)
+        feature = project((feature + 0.2 * gradient.sign()).detach(), 1.0)
+    assert contrast[-1] > contrast[0] + 0.1

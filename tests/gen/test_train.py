@@ -4,7 +4,7 @@ from torch import nn
 
 from cnca.errors import NonFiniteError, RunError
 from cnca.gen import architecture, corpus
-from cnca.gen.denoiser import ImagePrompt
+from cnca.gen.denoiser import GRID, ImagePrompt
 from cnca.gen.sampling import DiffusionTextureGenerator
 from cnca.gen.train import train_generator
 from cnca.gen.training_loop import TrainingLoop
@@ -40,6 +40,38 @@ def test_image_prompts_lie_in_the_box_and_are_often_silent():
     assert tokens.abs().max() <= 1.0
     silent = (tokens == 0).flatten(1).all(dim=1).float().mean()
     assert 0.4 < silent < 0.6
+
+
+def test_each_token_describes_a_cell_of_the_picture(monkeypatch):
+    monkeypatch.setattr("cnca.gen.denoiser.SILENT", -1.0)
+    rows, columns = GRID
+    latents = torch.zeros(64, 4, 2 * rows, 2 * columns)
+    latents[:, :, 4:6, 6:8] = 1.0  # row 2, column 3
+    tokens = ImagePrompt()(latents, torch.Generator().manual_seed(0))
+    heard = (tokens != 0).any(dim=2)
+    assert heard[:, 2 * columns + 3].any()
+    heard[:, 2 * columns + 3] = False
+    assert not heard.any()
+
+
+def test_position_channels_tell_right_from_left_and_down_from_up():
+    across, down = architecture.positions(16)
+    assert (across.diff(dim=1) > 0).all()
+    assert (across.diff(dim=0) == 0).all()
+    assert torch.equal(down, across.T)
+    assert across.max() == -across.min() == architecture.POSITION_RANGE
+
+
+def test_the_decoder_disregards_position_channels():
+    vae = architecture.autoencoder().eval()
+    wider = architecture.with_position_channels(vae)
+    latents = torch.randn(1, 6, 8, 8)
+    images = torch.rand(1, 3, 64, 64)
+    with torch.no_grad():
+        torch.testing.assert_close(wider.decode(latents).sample, vae.decode(latents[:, :4]).sample)
+        means = wider.encode(images).latent_dist.mean
+        torch.testing.assert_close(means[:, :4], vae.encode(images).latent_dist.mean)
+    assert (means[:, 4:] == 0).all()
 
 
 def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):

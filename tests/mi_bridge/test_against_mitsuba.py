@@ -113,7 +113,7 @@ def test_a_vehicle_in_fog_agrees_with_volpath(renderer, light, painted):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("visibility", "bound"), [(300, 0.04), (100, 0.08), (30, 0.10)])
+@pytest.mark.parametrize(("visibility", "bound"), [(300, 0.03), (100, 0.04), (30, 0.04)])
 def test_bias_of_a_vehicle_of_many_colours(renderer, light, painted, visibility, bound):
     fog = Fog(visibility, height=60)
     relative, error = vehicle_bias(renderer, light, fog, size=24, samples=256, runs=8)
@@ -123,15 +123,15 @@ def test_bias_of_a_vehicle_of_many_colours(renderer, light, painted, visibility,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("albedo", "low", "high"), [(0.02, 0.0, 0.45), (0.9, -0.25, 0.0)])
-def test_light_scattered_forwards_is_what_the_field_neglects(renderer, light, albedo, low, high):
-    """It leaves too little contrast: a dark vehicle comes out too bright, a bright one too dark.
+@pytest.mark.parametrize("albedo", [0.02, 0.9])
+def test_dark_and_bright_vehicles_keep_their_contrast_in_fog(renderer, light, albedo):
+    """Most light that droplets take from the vehicle's image they give back to it.
 
-    Droplets scatter forwards, so most of the light that they take from the vehicle's image would
-    come back from another place of the vehicle; the field gives back the light of bare ground.
+    With the field of bare ground alone the dark vehicle is 36 % too bright, the bright one 17 % too
+    dark.
     """
     renderer.geometry.bind(mi.TensorXf(np.full((8, 8, 3), albedo, dtype=np.float32)))
     fog = Fog(visibility=30, height=60)
     relative, error = vehicle_bias(renderer, light, fog, size=12, samples=256, runs=8)
     print(f"albedo {albedo}: bias {relative:+.2%} ± {error:.2%}")
-    assert low - 3 * error < relative < high + 3 * error
+    assert abs(relative) < 0.05 + 3 * error

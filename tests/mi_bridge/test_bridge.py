@@ -8,7 +8,7 @@ import weakref
 import pytest
 import torch
 
-from cnca.errors import NonFiniteError, TextureError
+from cnca.errors import TextureError
 from cnca.mi_bridge import renderer as renderer_module
 from cnca.mi_bridge.variant import dr
 from cnca.scene.weather import Fog, Weather
@@ -179,18 +179,6 @@ def test_textures_outside_the_unit_range_are_refused(renderer, spoil, message):
 def test_textures_of_another_size_are_refused(renderer):
     with pytest.raises(TextureError, match=r"\(3, 4, 4\).*\(3, 8, 8\)"):
         renderer.render(torch.zeros(3, 4, 4), [orbit()], CLEAR, seed=0)
-
-
-def test_an_image_that_is_not_finite_is_reported_with_view_effect_and_seed(renderer, monkeypatch):
-    def broken(albedo, shot):
-        image = torch.zeros(*shot.cameras.film_shape, 3)
-        image[1, 0, 0, 0] = float("nan")
-        return image
-
-    monkeypatch.setattr(renderer_module, "render", broken)
-    views = [orbit(name="left"), orbit(name="right")]
-    with pytest.raises(NonFiniteError, match="view right in fog with seed 9"):
-        renderer.render(random_texture(), views, FOGGY, seed=9)
 
 
 def test_a_picture_of_many_samples_is_rendered_in_parts(renderer, monkeypatch):

@@ -38,7 +38,7 @@ MISTAKES = [
     ("ground: {color: [0.1, 0.2, 1.5]}", "ground.color.2: "),
     ("vehicle: {up: w}", "vehicle.up: "),
     ("vehicle: {scale: 0}", "vehicle.scale: "),
-    ("vehicle: {finish: {rough: 0}}", "vehicle.finish.rough: unknown key; did you mean 'roughness'"),
+    ("vehicle: {finish: {rough: 0}}", "finish.rough: unknown key; did you mean 'roughness'?"),
     ("vehicle: {finish: {metallic: 1.1}}", "vehicle.finish.metallic: "),
     ("vehicle: {texture_size: 0}", "vehicle.texture_size: "),
     ("vehicle: {mesh: 3}", "vehicle.mesh: "),
