@@ -9,7 +9,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
 
 from cnca.files import replacing
 
@@ -65,8 +65,9 @@ def write_picture(path: Path, report: dict[str, Any]) -> None:
             text, where = f"{rung['target']:.0%} asked", (_seconds(rung), rung["error"])
             axes.annotate(text, where, (-8, 8), textcoords="offset points", ha="right")
     axes.set(xscale="log", yscale="log", xlabel="seconds per view, forward", ylabel="error")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(PercentFormatter(1))
-    axes.yaxis.set_minor_formatter(PercentFormatter(1, decimals=0))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_title(f"{report['scene']}, view {report['view']['name']}")
     axes.legend()
     with replacing(path) as temporary:
