@@ -65,6 +65,8 @@ def main() -> None:
         )
         row = {"light": light, "altitude": altitude, "visibility": visibility}
         rows.append(row | timing(renderer, weather, options) | accuracy(renderer, weather, options))
+        # volpath itself gives NaN now and then: null says so, and nothing is left out in silence.
+        rows[-1] = {k: None if v != v else v for k, v in rows[-1].items()}
         print(json.dumps(rows[-1]), flush=True)
     print(table(rows))
     if options.out:
