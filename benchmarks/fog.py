@@ -82,8 +82,6 @@ def camera(options: argparse.Namespace, size: int) -> View:
 def timing(renderer: MitsubaRenderer, weather: Weather, options: argparse.Namespace) -> dict:
     """Medians of forward and backward in fog over those in clear air, one after the other."""
     views = [camera(options, TIMED_SIZE)]
-    started = time.perf_counter()
-    renderer.plan(block_pattern(renderer, 0), views, weather)
     seconds: dict[tuple[bool, str], list[float]] = {}
     for turn in range(TIMED + 1):
         for foggy in (False, True):

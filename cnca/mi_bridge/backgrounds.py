@@ -19,6 +19,9 @@ from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
 from cnca.types import Boxes, LinearImages, LinearTexture
 
+BACKGROUND_SEED = 0x2545F491
+"""Seed of every background, whichever step comes upon it first."""
+
 
 @dataclass(frozen=True)
 class _Background:
@@ -43,7 +46,7 @@ class KeptBackgrounds:
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
     ) -> LinearImages:
         """Exposed linear images (views, 3, height, width), differentiable in ``albedo``."""
-        self._take(views, weather, seed)
+        self._take(views, weather)
         kept = [self._kept[view, weather] for view in views]
         height, width = kept[0].image.shape[1:]
         pixels = np.concatenate([k * height * width + b.pixels for k, b in enumerate(kept)])
@@ -60,11 +63,10 @@ class KeptBackgrounds:
         return torch.stack([self._boxes[view] for view in views])
 
     @torch.no_grad()
-    def _take(self, views: Sequence[View], weather: Weather, seed: int) -> None:
-        """Render what is not kept yet."""
-        new = [view for view in views if (view, weather) not in self._kept]
-        if not new:
-            return
-        images = self.renderer.render(self.plain, new, weather, seed=seed)
-        for view, image, mask in zip(new, images, self.renderer.vehicle_mask(new), strict=True):
-            self._kept[view, weather] = _Background(image.clone(), np.flatnonzero(mask > 0))
+    def _take(self, views: Sequence[View], weather: Weather) -> None:
+        """Render what is not kept yet, each view alone: a resumed loop finds the same noise."""
+        for view in views:
+            if (view, weather) not in self._kept:
+                image = self.renderer.render(self.plain, [view], weather, seed=BACKGROUND_SEED)[0]
+                pixels = np.flatnonzero(self.renderer.vehicle_mask([view])[0] > 0)
+                self._kept[view, weather] = _Background(image, pixels)

@@ -22,11 +22,13 @@ def texture() -> torch.Tensor:
 def test_vehicle_anew_background_kept(renderer, weather):
     kept = KeptBackgrounds(renderer, PLAIN)
     assert isinstance(kept, Renderer)
-    first = renderer.render(PLAIN, VIEWS, weather, seed=1)
+    first = kept.render(PLAIN, VIEWS, weather, seed=1)
     images = kept.render(texture(), VIEWS, weather, seed=1)
     whole = renderer.render(texture(), VIEWS, weather, seed=2)
     on_vehicle = torch.from_numpy(renderer.vehicle_mask(VIEWS) > 0)[:, None].expand_as(images)
     torch.testing.assert_close(images[~on_vehicle], first[~on_vehicle])
+    around = renderer.render(PLAIN, VIEWS, weather, seed=4)[~on_vehicle]
+    assert first[~on_vehicle].mean() == pytest.approx(around.mean().item(), rel=0.02)
     assert (images[on_vehicle] != first[on_vehicle]).float().mean() > 0.9
     again = renderer.render(texture(), VIEWS, weather, seed=3)
     noise = (whole - again)[on_vehicle].square().mean().sqrt() / 2**0.5
@@ -57,6 +59,14 @@ def test_each_view_and_weather_is_rendered_whole_but_once(renderer, monkeypatch)
         kept.render(PLAIN, views, Weather(), seed=seed)
     kept.render(PLAIN, VIEWS[:1], Weather(sun_altitude=30), seed=5)
     assert calls == [VIEWS[:1], VIEWS[1:], VIEWS[:1]]
+
+
+def test_a_picture_does_not_depend_on_what_was_kept_before(renderer):
+    """A resumed loop starts without backgrounds and goes on as if it had not been interrupted."""
+    begun, resumed = (KeptBackgrounds(renderer, PLAIN) for _ in range(2))
+    begun.render(PLAIN, VIEWS[1:], Weather(), seed=7)
+    pictures = [kept.render(texture(), VIEWS, Weather(), seed=8) for kept in (begun, resumed)]
+    assert torch.equal(*pictures)
 
 
 def test_boxes_are_those_of_the_renderer(renderer):
