@@ -16,6 +16,7 @@ from cnca import build
 from cnca.errors import RunError
 from cnca.fidelity import (
     gradient_agreement,
+    mean_bias,
     mean_delta_e,
     root,
     squared_bias,
@@ -59,7 +60,7 @@ def ladder() -> Iterator[Rung]:
             forced = usual | {"interreflection": bounces}
             yield Rung(f"{samples} spp, {bounces} reflections", Demand(forced=forced))
         for effect, model in (
-            *(("sun", "disc"), ("fog", "none")),
+            *(("sun", "disc"), ("fog", "none"), ("fog", "airlight"), ("fog", "single")),
             *(("materials", "principled"), ("materials", "diffuse")),
         ):
             demand = Demand(forced=usual | {effect: model})
@@ -77,6 +78,7 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
     pairs = [(pictures[i], pictures[i - 1]) for i in range(REPEATS)]
     squares = [squared_error(picture, halves) for picture in pictures]
     bias, uncertainty = np.mean([squared_bias(pair, halves) for pair in pairs], axis=0)
+    mean, mean_error = mean_bias(pictures, halves)
     truth = bench.score((first + second) / 2)
     agreements = [gradient_agreement(g, reference.gradient_halves()) for g in gradients]
     cosine, length = np.mean(agreements, axis=0)
@@ -91,6 +93,8 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
         "error": root(float(np.mean([square for square, _ in squares]))),
         "bias": root(float(bias)),
         "bias_hidden": root(float(2 * uncertainty)),
+        "mean": mean,
+        "mean_error": mean_error,
         "noise": root(float(np.mean([squared_noise(pair, halves) for pair in pairs]))),
         "delta_e": float(np.mean([mean_delta_e([p], halves) for p in pictures])),
         "gradient_cosine": float(cosine),
@@ -106,6 +110,7 @@ def accuracy(
     seconds: float,
     view: str | None = None,
     detector: str = "builtin",
+    volpath: bool = False,
     console: Console,
 ) -> dict[str, Any]:
     """Measure the ladder on one view; write ``accuracy.json``, ``.md`` and ``.png`` into ``out``.
@@ -114,27 +119,34 @@ def accuracy(
 
     Args:
         seconds: budget; the reference takes at most two fifths of it.
+        volpath: the reference's picture is that of Mitsuba's volumetric path tracer.
 
     Returns:
         What ``accuracy.json`` holds.
+
+    Raises:
+        RunError: no time, or ``volpath`` for a scene without fog.
     """
     if not seconds > 0:
         raise RunError(f"--seconds {seconds:g}: give a number above 0")
     started = time.monotonic()
     scene = load_scene(scene_file)
+    if volpath and (scene.fog is None or scene.fog.height == 0):
+        raise RunError(f"{scene_file}: --volpath is for fog, and the scene has none; leave it out")
     bench = Bench(scene, build.choose_views(scene, view)[0], build.build_detector(detector))
-    key = fingerprint(scene, bench.view)
+    key = fingerprint(scene, bench.view, volpath=volpath)
     reference = converge(
         bench,
         out / f"reference_{key}.pt",
         started + REFERENCE_SHARE * seconds,
+        volpath=volpath,
         console=console,
     )
     report: dict[str, Any] = {
         "scene": str(scene_file),
         "view": asdict(bench.view),
         "detector": detector,
-        "reference": {"key": key} | agreement(bench, reference),
+        "reference": {"key": key, "volpath": volpath} | agreement(bench, reference),
         "versions": versions(),
         "rungs": _known_rungs(out, key, detector),
     }

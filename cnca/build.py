@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import torch
 
 from cnca.color import srgb_to_linear
-from cnca.detect import BUILTIN, BUILTIN_CONFIG, load_detector
-from cnca.errors import CncaError, MeshError, SceneError, did_you_mean
+from cnca.detect import detector_files, load_detector
+from cnca.detect.classes import CAR, vehicle_labels
+from cnca.errors import CncaError, MeshError, SceneError, TextureError, did_you_mean
 from cnca.paint import Paint
-from cnca.protocols import Detector, Renderer, Residual, TextureGenerator
+from cnca.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
 from cnca.scene.effects import Demand
@@ -22,10 +24,14 @@ from cnca.scene.images import read_mask, read_texture_srgb
 from cnca.scene.load_mesh import resolve_vehicle
 from cnca.scene.mesh import Vehicle
 from cnca.scene.schema import CarlaCamera, Scene
-from cnca.scene.uv import paint_mask
+from cnca.scene.uv import pad_mask, paint_mask
 from cnca.types import SrgbTexture
 
-BACKENDS = ("mitsuba",)
+BACKENDS = ("mitsuba", "raster", "cached")
+CACHE_FACTOR = 4
+"""Rays per pixel of kept shading relative to those of a picture: its noise stays for ever."""
+SEAM_PADDING = 2
+"""Texels of paint around every chart, for the filters."""
 SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
 
 
@@ -51,7 +57,11 @@ def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
     """The vehicle's own texture and the mask of its paint, at the scene's texture size."""
     section, size = scene.vehicle, scene.vehicle.texture_size
     if section.paint_mask:
-        mask = read_mask(scene.base / section.paint_mask).astype(np.float32)
+        drawn = read_mask(scene.base / section.paint_mask)
+        if drawn.shape[0] != drawn.shape[1]:
+            raise TextureError(f"{section.paint_mask}: paint masks are square; it is {drawn.shape}")
+        padding = SEAM_PADDING * max(1, len(drawn) // size)
+        mask = pad_mask(drawn, vehicle, padding).astype(np.float32)
         mask = cv2.resize(mask, (size, size), interpolation=cv2.INTER_AREA)
     else:
         mask = paint_mask(vehicle, size).astype(np.float32)
@@ -74,13 +84,11 @@ def build_renderer(
     samples: int | None = None,
     demand: Demand | None = None,
 ) -> Renderer:
-    """The renderer called ``backend`` for the scene's vehicle and ground.
+    """The path tracer, whichever ``backend`` a loop has: it judges them all.
 
     Raises CncaError for an unknown name.
     """
-    if backend not in BACKENDS:
-        hint = did_you_mean(backend, BACKENDS)
-        raise CncaError(f"backend '{backend}': unknown; there is {', '.join(BACKENDS)}{hint}")
+    parse_backend(backend)
     from cnca.mi_bridge.renderer import MitsubaRenderer
 
     ground = srgb_to_linear(torch.tensor(scene.ground.color))
@@ -94,16 +102,44 @@ def build_renderer(
     )
 
 
+def parse_backend(spec: str) -> tuple[str, int | None]:
+    """``NAME`` or ``cached:N``: the backend, and after how many renders a view is shaded anew.
+
+    Raises CncaError for another name or number.
+    """
+    name, colon, refresh = spec.partition(":")
+    if name not in BACKENDS:
+        hint = did_you_mean(name, BACKENDS)
+        raise CncaError(f"backend '{name}': unknown; there is {', '.join(BACKENDS)}{hint}")
+    if not colon:
+        return name, None
+    if name != "cached" or not refresh.isdecimal() or int(refresh) < 1:
+        raise CncaError(f"backend '{spec}': only cached is refreshed, such as cached:8")
+    return name, int(refresh)
+
+
 def build_loop_renderer(
     scene: Scene, vehicle: Vehicle, paint: Paint, *, backend: str, samples: int
-) -> Renderer:
-    """The renderer of an optimization: it comes back to its views, so backgrounds are kept."""
-    from cnca.mi_bridge.backgrounds import KeptBackgrounds
-    from cnca.mi_bridge.renderer import MitsubaRenderer
+) -> LoopRenderer:
+    """The renderer of an optimization: it comes back to its views, so much of them is kept.
 
-    renderer = build_renderer(scene, vehicle, backend=backend, samples=samples)
+    ``backend`` is read by :func:`parse_backend`; ``samples`` are rays per pixel.
+    """
+    from cnca.mi_bridge.backgrounds import KeptBackgrounds
+    from cnca.mi_bridge.lookups import LookupRenderer
+    from cnca.mi_bridge.raster import PlainShading
+    from cnca.mi_bridge.renderer import MitsubaRenderer
+    from cnca.mi_bridge.shading_cache import TracedShading
+
+    name, refresh = parse_backend(backend)
+    renderer = build_renderer(scene, vehicle, samples=samples)
     assert isinstance(renderer, MitsubaRenderer)
-    return KeptBackgrounds(renderer, paint.apply())
+    kept = KeptBackgrounds(renderer, paint.apply())
+    if name == "mitsuba":
+        return kept
+    if name == "raster":
+        return LookupRenderer(kept, PlainShading(kept))
+    return LookupRenderer(kept, TracedShading(kept, CACHE_FACTOR * samples), refresh)
 
 
 def build_views(scene: Scene) -> list[View]:
@@ -152,11 +188,25 @@ def choose_views(scene: Scene, name: str | None, *, every: bool = False) -> list
     return chosen
 
 
-def build_generator(path: Path | None, *, tokens: int, guidance: float) -> TextureGenerator:
-    """The diffusion pipeline in a folder in diffusers format; None is the shipped one."""
+def build_generator(
+    path: Path | None,
+    *,
+    guidance: float,
+    device: str = "cpu",
+    mixed_precision: bool = False,
+    **options: Any,
+) -> TextureGenerator:
+    """The diffusion pipeline in a folder in diffusers format; None is the shipped one.
+
+    ``mixed_precision`` lets the U-Net multiply in bfloat16; ``options`` are those of
+    :class:`cnca.gen.sampling.DiffusionTextureGenerator`.
+    """
     from cnca.gen.sampling import DiffusionTextureGenerator
 
-    return DiffusionTextureGenerator.load(path, tokens=tokens, guidance=guidance)
+    half = torch.bfloat16 if mixed_precision else None
+    return DiffusionTextureGenerator.load(
+        path, guidance=guidance, device=device, half=half, **options
+    )
 
 
 def build_residual(path: Path | None) -> Residual | None:
@@ -169,7 +219,7 @@ def build_residual(path: Path | None) -> Residual | None:
 
 
 def build_detector(spec: str) -> Detector:
-    """The detector called ``spec``: ``builtin``, a Darknet ``.cfg`` or an ``.onnx`` file."""
+    """The detector called ``spec``; see :func:`cnca.detect.load_detector`."""
     return load_detector(spec)
 
 
@@ -178,22 +228,22 @@ def read_texture(path: str | Path) -> SrgbTexture:
     return torch.from_numpy(read_texture_srgb(path)).permute(2, 0, 1).contiguous()
 
 
-def vehicle_label(class_names: Sequence[str], wanted: str = "car") -> int:
-    """The index of class ``wanted``; raises CncaError where it is missing."""
-    if wanted not in class_names:
-        raise CncaError(f"the detector knows no class '{wanted}': it has {', '.join(class_names)}")
-    return list(class_names).index(wanted)
+def vehicle_label(class_names: Sequence[str]) -> int:
+    """The label of a car; raises DetectorError where the detector knows none."""
+    return vehicle_labels(class_names)[CAR][0]
 
 
 def input_files(
     scene: Scene, scene_file: Path, detector: str, generator: Path | None
 ) -> list[Path]:
     """Every file that a run reads, for its manifest."""
+    shared = Path(generator or SHIPPED_GENERATOR)
+    return [*scene_files(scene, scene_file), shared, *detector_files(detector)]
+
+
+def scene_files(scene: Scene, scene_file: Path) -> list[Path]:
+    """The scene file and the mesh and pictures that it names."""
     section = scene.vehicle
     named = [section.paint_mask, section.base_texture]
     named += [] if section.mesh.startswith("builtin:") else [section.mesh]
-    files = [scene_file, *(scene.base / name for name in named if name)]
-    files.append(Path(generator or SHIPPED_GENERATOR))
-    config = BUILTIN_CONFIG if detector == BUILTIN else Path(detector)
-    files += sorted(config.parent.glob(f"{config.stem}.*"))
-    return files
+    return [scene_file, *(scene.base / name for name in named if name)]

@@ -30,7 +30,7 @@ from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog, Weather
 
 MODELS = (
-    *(("fog", "none"), ("sun", "direction")),
+    *(("fog", "none"), ("fog", "airlight"), ("fog", "single"), ("sun", "direction")),
     *(("interreflection", str(bounces)) for bounces in (1, 2, 3, 4)),
     *(("materials", "principled"), ("materials", "diffuse")),
 )
@@ -188,8 +188,8 @@ def fit_prices(records: list[dict[str, Any]]) -> Prices:
 
 def _fit_seconds(records: list[dict[str, Any]]) -> dict[str, float]:
     """Seconds of the models that are not the cheapest, none of them negative."""
-    parts = ["rays", "interreflection", "fog=field", "sun=direction", "sun=disc"]
-    parts += ["materials=principled", "materials=coat"]
+    parts = ["rays", "interreflection", "fog=airlight", "fog=single", "fog=field"]
+    parts += ["sun=direction", "sun=disc", "materials=principled", "materials=coat"]
     rows, seconds = [], []
     for one in (timed for record in records for timed in record["timed"]):
         models = one["models"]

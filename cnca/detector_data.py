@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cnca import controls
 from cnca.color import linear_to_srgb
+from cnca.errors import DetectorError, did_you_mean
 from cnca.files import replacing
 from cnca.gen import textures
 from cnca.mi_bridge.renderer import MitsubaRenderer
@@ -216,17 +217,24 @@ def _prompt_texture(rng: np.random.Generator, prompts: Sequence[SrgbTexture]) ->
 
 
 def train_builtin(
-    out: Path, *, pictures: int, epochs: int, seed: int, resume: bool
+    out: Path, *, kind: str, pictures: int, epochs: int, seed: int, resume: bool
 ) -> dict[str, object]:
-    """Render the pictures into ``out/pictures``, train into ``out/weights``, return the report."""
-    from cnca.detect import BUILTIN_CONFIG
+    """Render the pictures into ``out/pictures``, train into ``out/KIND``, return the report.
+
+    Raises:
+        DetectorError: there is no such ``kind``.
+    """
+    from cnca.detect import TRAINED
     from cnca.detect.train import Settings, train_detector
 
+    if kind not in TRAINED:
+        hint = did_you_mean(kind, TRAINED)
+        raise DetectorError(f"kind '{kind}': unknown; there is {', '.join(TRAINED)}{hint}")
     render_detector_data(out / "pictures", pictures=pictures, seed=seed)
     return train_detector(
         out / "pictures",
-        out / "weights",
+        out / kind,
         Settings(epochs=epochs, seed=seed),
-        template=BUILTIN_CONFIG,
+        template=TRAINED[kind],
         resume=resume,
     )

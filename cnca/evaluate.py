@@ -37,7 +37,7 @@ class Result:
     scores: list[float]
     """Detection score of each view, in [0, 1] (see :func:`cnca.scores.detection_score`)."""
     average_precision: float
-    """AP@0.5 of the vehicle."""
+    """AP@0.5 of the vehicle, as Pascal VOC's area (see :mod:`cnca.scores`)."""
 
     @property
     def mean_score(self) -> float:
@@ -46,6 +46,22 @@ class Result:
 
 
 @torch.no_grad()
+def photograph(renderer: Renderer, albedo: LinearTexture, shots: Shots, weather: int) -> SrgbImages:
+    """Take the shots of one weather; 8 bits as a camera's file has, so that files lose nothing.
+
+    The same ``shots.seed`` gives all textures the same noise.
+    """
+    rendered = renderer.render(
+        albedo, shots.views[weather], shots.weathers[weather], seed=shots.seed + weather
+    )
+    return (linear_to_srgb(rendered) * 255).round() / 255
+
+
+def look(detector: Detector, images: SrgbImages) -> list[Detections]:
+    """All detections of at least :data:`LEAST_SCORE` in each image."""
+    return [detector.detect(image[None], score_threshold=LEAST_SCORE)[0] for image in images]
+
+
 def evaluate(
     renderer: Renderer,
     detector: Detector,
@@ -54,7 +70,7 @@ def evaluate(
     shots: Shots,
     advance: Callable[[], None] = lambda: None,
 ) -> dict[str, Result]:
-    """Look at every texture in every shot; the same seed gives all textures the same noise.
+    """Look at every texture in every shot.
 
     Args:
         label: index of the vehicle's class among the detector's.
@@ -65,16 +81,15 @@ def evaluate(
     results = {}
     for name, albedo in albedos.items():
         images = []
-        for i, (views, weather) in enumerate(zip(shots.views, shots.weathers, strict=True)):
-            rendered = renderer.render(albedo, views, weather, seed=shots.seed + i)
-            images.append(linear_to_srgb(rendered))
+        for weather in range(len(shots.weathers)):
+            images.append(photograph(renderer, albedo, shots, weather))
             advance()
-        results[name] = _look(detector, torch.cat(images), boxes, label)
+        results[name] = _judge(detector, torch.cat(images), boxes, label)
     return results
 
 
-def _look(detector: Detector, images: SrgbImages, boxes: Boxes, label: int) -> Result:
-    found = [detector.detect(image[None], score_threshold=LEAST_SCORE)[0] for image in images]
+def _judge(detector: Detector, images: SrgbImages, boxes: Boxes, label: int) -> Result:
+    found = look(detector, images)
     scores = [detection_score(d, box, label) for d, box in zip(found, boxes, strict=True)]
     truths = [box[None] for box in boxes]
     return Result(images, boxes, found, scores, average_precision(found, truths, label))

@@ -50,6 +50,19 @@ def squared_noise(pictures: tuple[Pixels, Pixels], references: tuple[Pixels, Pix
     return float(((pictures[0] - pictures[1]) ** 2 / 2 * _weight(references)).mean())
 
 
+def mean_bias(found: Sequence[Pixels], references: Sequence[Pixels]) -> tuple[float, float]:
+    """Relative difference of the mean radiance, and its standard error; all are independent."""
+    true = float(np.mean(references))
+    error = np.hypot(error_of_mean(found), error_of_mean(references))
+    return float(np.mean(found)) / true - 1, float(error) / true
+
+
+def error_of_mean(pictures: Sequence[Pixels]) -> float:
+    """Standard error of the mean over independent pictures, whose pixels' noise is independent."""
+    pixels = np.mean(pictures, axis=2)  # colours share their paths
+    return float((pixels.var(axis=0, ddof=1).mean() / pixels.size) ** 0.5)
+
+
 def squared_error(picture: Pixels, references: tuple[Pixels, Pixels]) -> tuple[float, float]:
     """Squared error, bias and noise together, and its standard error."""
     product = (picture - references[0]) * (picture - references[1])

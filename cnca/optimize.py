@@ -18,16 +18,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from cnca.color import linear_to_srgb
-from cnca.errors import DetectorError, NonFiniteError, RunError
-from cnca.gen.feature import initial, project
+from cnca.errors import DetectorError, NonFiniteError, RunError, did_you_mean
+from cnca.gen.feature import CONCAT, START_SPREAD, UPDATES, check_kind, initial, project
 from cnca.loss import detection_loss
 from cnca.paint import Paint
-from cnca.protocols import Detector, Renderer, Residual, TextureGenerator
+from cnca.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
 from cnca.scene.cameras import View
 from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views, draw_weathers
@@ -50,18 +51,26 @@ class Settings:
     view_pool: int = 256
     """Pictures that the steps come back to, so that backends may keep what never changes."""
     learning_rate: float = 0.01
-    """Adam's step size; the paper's value."""
+    """Step size; the paper's value."""
+    update: str = "adam"
+    """How F_adv moves, a key of :data:`cnca.gen.feature.UPDATES`."""
     full_overlap: float = 1.0
     """IoU from which a box counts in full in D_s: 1 is equation 11, 0.5 is what AP@0.5 asks."""
     seed: int = 0
-    start_spread: float = 0.1
-    """Standard deviation of F_adv at the start: equal tokens would stay equal for ever."""
+    feature: str = CONCAT
+    """What F_adv does to the text: ``concat`` is the paper's, ``replace`` the released code's."""
+    start_spread: float | None = None
+    """Standard deviation of F_adv at the start; None takes that of the kind of feature."""
 
     def __post_init__(self) -> None:
         """Raises RunError for counts and sizes that make no attack."""
         for name in ("steps", "views_per_step", "view_pool", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise RunError(f"{name} is {getattr(self, name)}: give a number above 0")
+        check_kind(self.feature)
+        if self.update not in UPDATES:
+            hint = did_you_mean(self.update, UPDATES)
+            raise RunError(f"update '{self.update}': there is {' and '.join(UPDATES)}{hint}")
         if not 0 < self.full_overlap <= 1:
             raise RunError(f"full_overlap is {self.full_overlap}: an IoU lies in (0, 1]")
 
@@ -91,9 +100,8 @@ class Attack:
         images = self.renderer.render(albedo, views, weather, seed=seed)
         if self.residual is None:
             return images
-        with torch.no_grad():  # X_ref: the same views of the vehicle in its own paint
-            reference = self.renderer.render(self.paint.apply(), views, weather, seed=seed)
-        return self.residual(images, reference)
+        assert isinstance(self.renderer, LoopRenderer)
+        return self.residual(images, self.renderer.reference(views, weather))
 
 
 @dataclass
@@ -106,11 +114,14 @@ class Progress:
 
 
 def start(attack: Attack, settings: Settings) -> Progress:
-    """F_adv near zero, and its optimizer."""
+    """F_adv at or near zero, and its optimizer."""
     noise = torch.Generator().manual_seed(settings.seed)
-    feature = initial(attack.generator.feature_shape, spread=settings.start_spread, generator=noise)
+    spread = settings.start_spread
+    spread = START_SPREAD[settings.feature] if spread is None else spread
+    feature = initial(attack.generator.feature_shape, spread=spread, generator=noise)
     feature = project(feature, settings.tau).requires_grad_()
-    return Progress(0, feature, torch.optim.Adam([feature], lr=settings.learning_rate))
+    update: Any = UPDATES[settings.update]
+    return Progress(0, feature, update([feature], lr=settings.learning_rate))
 
 
 def optimize(

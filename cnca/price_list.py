@@ -20,13 +20,17 @@ COLUMNS = {
     "backward, s": lambda r: f"{r['seconds']['steady']['backward']:.3f}",
     "error": lambda r: f"{r['error']:.2%}",
     "bias": lambda r: _bias(r),
+    "mean": lambda r: f"{r['mean']:+.2%} ± {r['mean_error']:.2%}",
     "noise": lambda r: f"{r['noise']:.2%}",
     "ΔE2000": lambda r: f"{r['delta_e']:.2f}",
     "gradient: cosine": lambda r: f"{r['gradient_cosine']:.3f}",
     "length": lambda r: f"{r['gradient_length']:.3f}",
     "score": lambda r: f"{r['score_change']:.3f}",
 }
-"""Heading → cell of a rung; a bias that noise hides is said to be smaller than what it hides."""
+"""Heading → cell of a rung; a bias that noise hides is said to be smaller than what it hides.
+
+*mean* is the signed bias of the vehicle's mean radiance, with its standard error.
+"""
 
 
 def write_table(path: Path, report: dict[str, Any]) -> None:
@@ -34,10 +38,7 @@ def write_table(path: Path, report: dict[str, Any]) -> None:
     reference, view = report["reference"], report["view"]
     lines = [
         f"`{report['scene']}`, view {view['name']}, {view['width']}×{view['height']} pixels.",
-        f"Reference: {reference['samples']} rays per pixel, standard error "
-        f"{reference['standard_error']:.2%}, means of both halves "
-        f"{reference['difference_of_means']:+.2%} apart, cosine of their gradients "
-        f"{reference['gradient_cosine']:.3f}.",
+        describe_reference(reference),
         f"Not reached in the time given: {', '.join(report['not_reached']) or 'nothing'}.",
         "",
         "| " + " | ".join(COLUMNS) + " |",
@@ -50,6 +51,20 @@ def write_table(path: Path, report: dict[str, Any]) -> None:
         lines.append("| " + " | ".join(cells) + " |")
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def describe_reference(reference: dict[str, Any]) -> str:
+    """What it is, whether it has converged, and whether its halves agree."""
+    what = "our own renderer"
+    if reference["volpath"]:
+        what = "`volpath` (the gradients' is our own renderer, for `volpath` has none)"
+    agree = "agree" if reference["halves_agree"] else "DO NOT AGREE"
+    return (
+        f"Reference: {what}, {reference['samples']} rays per pixel, standard error "
+        f"{reference['standard_error']:.2%}{'' if reference['converged'] else ' (not converged)'}; "
+        f"its halves {agree}: their means are {reference['difference_of_means']:+.2%} apart, "
+        f"cosine of their gradients {reference['gradient_cosine']:.3f}."
+    )
 
 
 def write_picture(path: Path, report: dict[str, Any]) -> None:

@@ -17,11 +17,15 @@ from rich.text import Text
 
 
 class RateColumn(ProgressColumn):
-    """Seconds per step, the unit in which these steps are felt."""
+    """Seconds per step, or steps per second where they are quick."""
 
     def render(self, task: Task) -> Text:
         """``–`` until the first step has ended."""
-        return Text(f"{1 / task.speed:.1f} s each" if task.speed else "–", style="dim")
+        if not task.speed:
+            return Text("–", style="dim")
+        quick = task.speed > 1
+        text = f"{task.speed:.1f} per second" if quick else f"{1 / task.speed:.1f} s each"
+        return Text(text, style="dim")
 
 
 def bar(console: Console) -> Progress:

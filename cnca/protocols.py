@@ -36,6 +36,14 @@ class Renderer(Protocol):
 
 
 @runtime_checkable
+class LoopRenderer(Renderer, Protocol):
+    """A renderer that comes back to its views, and keeps what a residual needs of them."""
+
+    def reference(self, views: Sequence[View], weather: Weather) -> LinearImages:
+        """Return X_ref: the same pictures with the plain paint, path-traced, without gradient."""
+
+
+@runtime_checkable
 class TextureGenerator(Protocol):
     """Turns a prompt and an adversarial feature F_adv into a texture (paper, equations 7 and 8)."""
 

@@ -15,10 +15,11 @@ from torch.nn import functional
 
 from cnca import build
 from cnca.color import linear_to_srgb
-from cnca.fidelity import Pixels, root, squared_noise, vehicle_pixels
+from cnca.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
 from cnca.files import replacing
 from cnca.manifest import versions
 from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.volpath import exposed_volpath
 from cnca.progress import bar
 from cnca.protocols import Detector
 from cnca.scene.cameras import View
@@ -32,6 +33,8 @@ ROUND = 128
 CONVERGED = 0.005
 """Standard error of the reference's pixels at which it is good enough."""
 MOST_ROUNDS = 128
+CHANCE = 3.0
+"""Standard errors by which the means of halves that agree may differ: 0.3 % do more by chance."""
 REFERENCE_SEED = 1 << 20
 """Far from the seeds of what is compared with it: they never share random numbers."""
 SOURCES = ("mi_bridge/*.py", "scene/*.py")
@@ -76,6 +79,13 @@ class Bench:
         assert albedo.grad is not None
         return image.detach(), albedo.grad, seconds
 
+    def volpath(self, demand: Demand, seed: int) -> LinearImages:
+        """The same view by Mitsuba's own volumetric path tracer, which gives no gradient."""
+        samples = self.plan(demand).samples
+        return exposed_volpath(
+            self.renderer, self.albedo, self.view, self.weather, samples=samples, seed=seed
+        )
+
     def pixels(self, image: LinearImages) -> Pixels:
         """Those that show nothing but the vehicle."""
         return vehicle_pixels(image, self.mask)
@@ -104,8 +114,13 @@ class Reference:
         return self.gradients[0] / self.rounds, self.gradients[1] / self.rounds
 
 
-def converge(bench: Bench, path: Path, deadline: float, console: Console) -> Reference:
-    """The reference in ``path``, made better until it is converged or time is up."""
+def converge(
+    bench: Bench, path: Path, deadline: float, *, volpath: bool = False, console: Console
+) -> Reference:
+    """The reference in ``path``, made better until it is converged or time is up.
+
+    With ``volpath`` its pictures are Mitsuba's; its gradients stay ours, for volpath has none.
+    """
     reference = _read_reference(path)
     demand = Demand(reference=True, forced={"samples": str(ROUND)})
     with bar(console) as progress:
@@ -119,6 +134,7 @@ def converge(bench: Bench, path: Path, deadline: float, console: Console) -> Ref
             for half in range(2):
                 seed = REFERENCE_SEED + 2 * reference.rounds + half
                 image, gradient, _ = bench.shoot(demand, seed)
+                image = bench.volpath(demand, seed) if volpath else image
                 _add(reference.pictures, half, image)
                 _add(reference.gradients, half, gradient)
             reference.rounds += 1
@@ -129,26 +145,30 @@ def converge(bench: Bench, path: Path, deadline: float, console: Console) -> Ref
     return reference
 
 
-def agreement(bench: Bench, reference: Reference) -> dict[str, float]:
+def agreement(bench: Bench, reference: Reference) -> dict[str, float | bool]:
     """How well the halves agree: the standard error of their mean, and of their mean radiance."""
     a, b = (bench.pixels(picture) for picture in reference.picture_halves())
+    difference = float(a.mean() / b.mean() - 1)
+    chance = float(2 * error_of_mean((a, b)) / b.mean())  # standard error of the difference
     noise = squared_noise((a, b), (a, b)) / 2  # of the mean of both
     first, second = (gradient.flatten() for gradient in reference.gradients)
     cosine = functional.cosine_similarity(first, second, dim=0)
     return {
         "samples": 2 * ROUND * reference.rounds,
         "standard_error": root(noise),
-        "difference_of_means": float(a.mean() / b.mean() - 1),
+        "difference_of_means": difference,
+        "halves_agree": abs(difference) <= CHANCE * chance,
+        "converged": root(noise) < CONVERGED,
         "gradient_cosine": float(cosine),
         "seconds": round(reference.seconds, 1),
     }
 
 
-def fingerprint(scene: Scene, view: View) -> str:
+def fingerprint(scene: Scene, view: View, *, volpath: bool = False) -> str:
     """Hash of all that the reference depends on."""
     settings = scene.model_dump(mode="json", exclude={"cameras", "variation"})
     settings["image"].pop("samples")
-    digest = hashlib.sha256(json.dumps([settings, asdict(view), versions()]).encode())
+    digest = hashlib.sha256(json.dumps([settings, asdict(view), versions(), volpath]).encode())
     package = Path(__file__).parent
     files = [f for pattern in SOURCES for f in sorted(package.glob(pattern))]
     section = scene.vehicle

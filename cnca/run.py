@@ -7,6 +7,7 @@ A run folder holds ``manifest.json``, ``log.jsonl``, ``checkpoint.pt``, and at t
 from __future__ import annotations
 
 import json
+import math
 import pickle
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -47,9 +48,14 @@ class Request:
     efr: Path | None = None
     samples: int = 16
     """Rays per pixel in the loop; the verdict takes the scene's own number."""
-    tokens: int = 77
-    """Tokens of F_adv: as many as the prompt has, or the shipped generator hardly hears them."""
+    tokens: int | None = None
+    """Tokens of F_adv; None takes as many as the kind of feature asks for."""
     guidance: float = 4.0
+    gradient_steps: int | None = None
+    """Last steps of DDIM that the gradient goes back through; None is all."""
+    device: str = "cpu"
+    """Where the generator works; all else works on the CPU."""
+    mixed_precision: bool = False
     held_out_views: int = 24
     resume: bool = False
 
@@ -57,6 +63,8 @@ class Request:
         """Everything that decides the result: neither the folder nor whether it is resumed."""
         fields = asdict(self)
         del fields["out"], fields["resume"]
+        if math.isinf(self.settings.tau):
+            fields["settings"]["tau"] = "inf"  # which JSON cannot say as a number
         return json.loads(json.dumps(fields, default=str))
 
 
@@ -84,7 +92,13 @@ def _assemble(request: Request, scene: Scene) -> Attack:
         ),
         paint=paint,
         generator=build.build_generator(
-            request.generator, tokens=request.tokens, guidance=request.guidance
+            request.generator,
+            feature=request.settings.feature,
+            tokens=request.tokens,
+            guidance=request.guidance,
+            gradient_steps=request.gradient_steps,
+            device=request.device,
+            mixed_precision=request.mixed_precision,
         ),
         detector=detector,
         label=build.vehicle_label(detector.class_names),
@@ -185,7 +199,8 @@ def _judge(
         )
     write_texture_srgb(out / "texture.png", texture.permute(1, 2, 0).numpy())
     write_texture_srgb(out / "texture_prompt.png", unattacked.permute(1, 2, 0).numpy())
-    StoredFeature(feature, settings.prompt, settings.tau).save(out / "F_adv.safetensors")
+    stored = StoredFeature(feature, settings.prompt, settings.tau, settings.feature)
+    stored.save(out / "F_adv.safetensors")
     write_png(out / "before_after.png", _before_after(results, attack.detector.class_names))
     summary = _summarize(request, results)
     write_json(out / "summary.json", summary)

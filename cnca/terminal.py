@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
@@ -13,6 +14,10 @@ from cnca.errors import RunError
 from cnca.optimize import Settings
 from cnca.report import MEANING
 from cnca.run import Request, run
+
+if TYPE_CHECKING:
+    from cnca.evidence_parts import Request as EvidenceRequest
+    from cnca.reorder_uv import Source
 
 DEMO_SCENE = Path(__file__).parents[1] / "scenes" / "sedan_clear.yaml"
 DEMO_PROMPT = "colorful camouflage"
@@ -59,25 +64,212 @@ def attack(request: Request) -> None:
         shown.print(f"{what}: {request.out / name}", soft_wrap=True)
 
 
-def accuracy(scene: Path, out: Path, *, seconds: float, view: str | None, detector: str) -> None:
+def optimize(request: Request, tau: str, least: float | None, scorer: Path | None) -> None:
+    """Attack under the bound ``tau``; "auto" searches it so that the prompt score stays.
+
+    Raises RunError for a bound that is none, or where "auto" and ``least`` do not come together.
+    """
+    from cnca.runs import read_tau, under_tau
+
+    if tau != "auto":
+        if least is not None or scorer is not None:
+            raise RunError("--min-prompt-score and --scorer belong to --tau auto; leave them out")
+        attack(under_tau(request, read_tau(tau)))
+        return
+    if least is None:
+        raise RunError("--tau auto: say --min-prompt-score, the cosine that must be kept")
+    from cnca.auto_tau import auto_tau
+    from cnca.gen.scorer import load_scorer
+
+    choice = auto_tau(request, least, load_scorer(scorer), Console(stderr=True))
+    _print_table(request.out, "auto_tau")
+    Console().print(f"chosen: τ = {choice.tau:g}, {len(choice.rows)} runs", soft_wrap=True)
+
+
+def tradeoff(request: Request, taus: str, scorer: Path | None) -> None:
+    """One attack per bound, then the table."""
+    from cnca.gen.scorer import load_scorer
+    from cnca.runs import read_taus, tradeoff
+
+    tradeoff(request, read_taus(taus), load_scorer(scorer), Console(stderr=True))
+    _print_table(request.out, "tradeoff")
+
+
+def prompts(request: Request, wanted: list[str], tau: str, scorer: Path | None) -> None:
+    """One attack per prompt, then the table."""
+    from cnca.gen.scorer import load_scorer
+    from cnca.runs import prompts, read_tau, under_tau
+
+    request = under_tau(request, read_tau(tau))
+    prompts(request, wanted, load_scorer(scorer), Console(stderr=True))
+    _print_table(request.out, "prompts")
+
+
+def _print_table(out: Path, name: str) -> None:
+    shown = Console()
+    shown.print((out / f"{name}.md").read_text(encoding="utf-8"), soft_wrap=True, markup=False)
+    for ending in ("md", "png", "json"):
+        shown.print(out / f"{name}.{ending}", soft_wrap=True)
+
+
+def accuracy(scene: Path, out: Path, **options: Any) -> None:
     """Measure the price list with progress, then say how good its reference is."""
     from cnca.accuracy import accuracy as measure_accuracy  # loads colour-science, which is slow
+    from cnca.price_list import describe_reference
 
-    console = Console(stderr=True)
-    report = measure_accuracy(
-        scene, out, seconds=seconds, view=view, detector=detector, console=console
-    )
-    reference, shown = report["reference"], Console()
-    shown.print(
-        f"reference of {reference['samples']} rays per pixel: standard error "
-        f"{reference['standard_error']:.2%}, halves {reference['difference_of_means']:+.2%} apart"
-    )
+    report, shown = measure_accuracy(scene, out, console=Console(stderr=True), **options), Console()
+    shown.print(describe_reference(report["reference"]), soft_wrap=True)
     for rung in report["rungs"]:
         if rung["target"] is not None:
             spent = rung["seconds"]["steady"]["forward"]
             shown.print(f"{rung['name']}: error {rung['error']:.2%} in {spent:.2f} s")
     for ending in ("md", "png", "json"):
         shown.print(out / f"accuracy.{ending}", soft_wrap=True)
+
+
+def generator_accuracy(out: Path, **options: Any) -> None:
+    """Measure the generator's price list with progress, then print it."""
+    from cnca.generator_accuracy import generator_accuracy as measure
+
+    report, shown = measure(out, console=Console(stderr=True), **options), Console()
+    listed = Table("last steps", "seconds", "cosine", "length")
+    for row in report["prices"]:
+        numbers = f"{row['seconds']:.2f}", f"{row['cosine']:.3f}", f"{row['length']:.3f}"
+        listed.add_row(str(row["steps"]), *numbers)
+    shown.print(listed)
+    for ending in ("md", "png", "json"):
+        shown.print(out / f"generator.{ending}", soft_wrap=True)
+
+
+def evidence(request: EvidenceRequest) -> None:
+    """Evaluate textures with progress, then say what each candidate reaches."""
+    from cnca.evidence import evaluate_scenes
+    from cnca.evidence_report import headlines
+
+    results = _gather(evaluate_scenes, request)
+    shown = Console()
+    shown.print(_evidence_table(results))
+    for sentence in headlines(results):
+        shown.print(sentence, soft_wrap=True)
+    shown.print(f"tables and pictures: {request.out / 'results.md'}", soft_wrap=True)
+
+
+def table1(request: EvidenceRequest, *, paper_figures: bool) -> None:
+    """Make the paper's Table 1 with progress, then say where it is."""
+    from cnca.evidence import evaluate_scenes
+    from cnca.paper_tables import write_table1
+
+    results = _gather(evaluate_scenes, request)
+    path = write_table1(request.out, results, paper_figures=paper_figures)
+    shown = Console()
+    shown.print(_evidence_table(results))
+    shown.print(f"table: {path}; all else: {request.out / 'results.md'}", soft_wrap=True)
+
+
+def photos(
+    folder: Path | None, labels: Path | None, out: Path, detectors: tuple[str, ...], **options: Any
+) -> None:
+    """Judge detectors on photographs with progress, then print the paper's Table 2."""
+    from cnca.evidence_report import cell
+    from cnca.photos import PhotoRequest, evaluate_photos
+
+    if folder is None or labels is None:
+        raise RunError("--photos and --labels belong together: give both")
+    results = _gather(evaluate_photos, PhotoRequest(folder, labels, out, detectors, **options))
+    table = Table()
+    for name in ("photographs", *results["detectors"]):
+        table.add_column(name, no_wrap=True)
+    for row, by_detector in results["all"].items():
+        aps = (by_detector[name]["car"]["AP_voc"] for name in results["detectors"])
+        table.add_row(row, *(cell(ap, digits=2) for ap in aps))
+    shown = Console()
+    shown.print(table)
+    shown.print(f"AP@0.5 of the car (VOC); all else: {out / 'results.md'}", soft_wrap=True)
+
+
+def _gather(work: Callable[[Any, Console], dict[str, Any]], request: Any) -> dict[str, Any]:
+    """Results of an evaluation; Ctrl-C ends with exit code 130, and the same command goes on."""
+    console = Console(stderr=True)
+    try:
+        return work(request, console)
+    except KeyboardInterrupt:
+        console.print(f"interrupted; the same command goes on in {request.out}")
+        raise SystemExit(130) from None
+
+
+def _evidence_table(results: dict[str, Any]) -> Table:
+    """Mean over the detectors, class car, with 95 % intervals."""
+    from cnca.evidence_report import cell
+    from cnca.verdict import TOTAL
+
+    table = Table()
+    for name in ("texture", "AP@0.5 (VOC)", "AP@0.5 (COCO)", "score"):
+        table.add_column(name, no_wrap=True)
+    for row in results["rows"]:
+        total = results["all"][row][TOTAL]["car"]
+        measures = ("AP_voc", "AP_coco", "score")
+        table.add_row(row, *(cell(total[name], digits=2) for name in measures))
+    return table
+
+
+def dataset(scene: Path, out: Path, **options: Any) -> None:
+    """Render a data set with progress, then say how far it has come."""
+    from cnca.render_dataset import render_dataset
+
+    report = render_dataset(scene, out, console=Console(stderr=True), **options)
+    speed = report["per_second"]
+    rate = f", {speed:.2f} a second" if speed else ""
+    Console().print(
+        f"{out}: {report['rendered']} pictures rendered{rate}, {report['done']} there in all",
+        soft_wrap=True,
+    )
+
+
+def reorder_uv(source: Source, out: Path, size: int) -> None:
+    """Write a vehicle with a new UV layout, then compare the layouts."""
+    from cnca.reorder_uv import reorder_uv as write_reordered
+
+    report, shown = write_reordered(source, out, size=size), Console()
+    listed = Table("layout", f"before: {report['was']}", "after")
+    for key, meaning in _LAYOUT.items():
+        listed.add_row(meaning, *(f"{report[when][key]:.4g}" for when in ("before", "after")))
+    shown.print(listed)
+    shown.print(f"scene: vehicle: {json.dumps(report['vehicle'])}", soft_wrap=True)
+    for ending in ("obj", "json", "png"):
+        shown.print(out.with_suffix(f".{ending}"), soft_wrap=True)
+
+
+def import_carla(folder: Path, out: Path, scene: Path, *, fov: float) -> None:
+    """Turn frames into a data set with progress, then say how well the mesh meets them."""
+    from cnca.import_carla import import_carla as import_frames
+
+    listed = Table("frame", "lift, m", "outline, px: median", "90th percentile")
+    for record in import_frames(folder, out, scene, fov=fov, console=Console(stderr=True)):
+        if "problem" in record:
+            listed.add_row(record["source"], record["problem"], "", "")
+            continue
+        pixels = record["outline_pixels"]
+        numbers = (
+            f"{record['lift']:.3f}",
+            f"{pixels['median']:.1f}",
+            f"{pixels['percentile_90']:.1f}",
+        )
+        listed.add_row(record["source"], *numbers)
+    Console().print(listed)
+    Console().print(out, soft_wrap=True)
+
+
+def train_efr(out: Path, **options: Any) -> None:
+    """Train with progress, then say what it came to."""
+    from cnca.train_efr import train_efr as train  # loads the renderer
+
+    report = train(out, console=Console(stderr=True), **options)
+    print(
+        f"{out}: mean absolute error {report['error_before']:.4f} before, "
+        f"{report['error_after']:.4f} after, on {report['test_views']} views not trained on"
+    )
+    if options["carla"]:
+        print("one car in one paint: says nothing about other textures, cars or weathers")
 
 
 def demo(out: Path, steps: int) -> None:
@@ -87,9 +279,9 @@ def demo(out: Path, steps: int) -> None:
     """
     if not DEMO_SCENE.exists():
         raise RunError(f"{DEMO_SCENE}: not there; run the demo from a checkout of the repository")
-    settings = Settings(DEMO_PROMPT, tau=1.0, steps=steps, learning_rate=0.2)
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
-    attack(Request(DEMO_SCENE, "builtin", out, settings, held_out_views=16, resume=resume))
+    settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05, full_overlap=0.5)
+    attack(Request(DEMO_SCENE, "builtin", out, settings, gradient_steps=5, resume=resume))
 
 
 _RESULTS = {
@@ -98,6 +290,17 @@ _RESULTS = {
     "scores": "summary.json",
     "report": "report.html",
 }
+
+
+_LAYOUT = {
+    "charts": "charts",
+    "seam_length": "seams, m",
+    "stretch": "L² stretch",
+    "density_spread": "texels per metre, 95th over 5th percentile",
+    "used": "share of the texture in use",
+    "overlap": "share of it used twice",
+}
+"""Of the painted faces that can be seen from outside."""
 
 
 def _plan_table(plan: list[dict[str, Any]]) -> Table:

@@ -13,6 +13,7 @@ from cnca import cli
 from cnca import reference as reference_module
 from cnca.accuracy import Rung, accuracy, pareto_front
 from cnca.errors import RunError
+from cnca.price_list import describe_reference
 from cnca.scene.effects import Demand
 from cnca.scene.schema import load_scene
 
@@ -62,6 +63,8 @@ def test_reference_says_how_well_its_halves_agree(measured):
     assert 0 < reference["standard_error"] < 0.1
     assert abs(reference["difference_of_means"]) < 0.05
     assert reference["gradient_cosine"] > 0.9
+    assert reference["halves_agree"]
+    assert reference["converged"] == (reference["standard_error"] < 0.005)
 
 
 def test_errors_are_made_of_bias_and_noise(measured):
@@ -75,6 +78,8 @@ def test_errors_are_made_of_bias_and_noise(measured):
     one, two, half = (rungs[name] for name in ("1 reflection", "16 spp", "half resolution"))
     assert one["bias"] > max(two["bias"], 0) + 0.02, "light from the ground is missing"
     assert half["bias"] > 0.05, "edges are blurred"
+    assert abs(two["mean"]) < 0.02 + 3 * two["mean_error"]
+    assert one["mean"] < -0.02 - 3 * one["mean_error"], "the same light is missing from the mean"
     assert two["gradient_cosine"] > 0.9
     assert two["gradient_length"] == pytest.approx(1, abs=0.1)
 
@@ -110,6 +115,7 @@ def test_another_scene_needs_another_reference(measured, scene):
     loaded, other = (load_scene(path) for path in (scene, darker))
     view = command.build.build_views(loaded)[0]
     assert reference_module.fingerprint(loaded, view) == key
+    assert reference_module.fingerprint(loaded, view, volpath=True) != key
     assert reference_module.fingerprint(other, view) != key
 
 
@@ -134,7 +140,7 @@ def test_the_halves_never_share_random_numbers(monkeypatch, tmp_path):
 
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 3)
     path, deadline = tmp_path / "reference.pt", float("inf")
-    found = reference_module.converge(Bench(), path, deadline, Console(quiet=True))
+    found = reference_module.converge(Bench(), path, deadline, console=Console(quiet=True))
     assert found.rounds == 3
     assert len(set(seeds)) == 6
 
@@ -151,6 +157,64 @@ def test_the_command_says_how_good_reference_and_plans_are(measured, scene, monk
         cli.main()
     assert not ended.value.code
     printed = capsys.readouterr().out
-    assert "reference of 256 rays per pixel" in printed
+    assert "Reference: our own renderer, 256 rays per pixel" in printed
     assert "plan for 20%: error" in printed
     assert "somewhere/accuracy.png" in printed
+
+
+@pytest.fixture(scope="module")
+def foggy(scene):
+    path = scene.with_name("foggy.yaml")
+    path.write_text(SCENE + "fog: {visibility: 60, height: 30}\nsky: {turbidity: 5}\n")
+    return path
+
+
+def test_volpath_is_the_truth_about_fog(foggy, monkeypatch):
+    """The mean over the vehicle agrees with ours; without fog it does not."""
+    rungs = [RUNGS[1], Rung("no fog", Demand(forced={"samples": "16", "fog": "none"}))]
+    monkeypatch.setattr(command, "ladder", lambda: iter(rungs))
+    monkeypatch.setattr(reference_module, "ROUND", 128)
+    monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
+    out = foggy.parent / "volpath"
+    report = accuracy(foggy, out, seconds=600, volpath=True, console=Console(quiet=True))
+    usual, bare = report["rungs"]
+    assert usual["mean_error"] < 0.05
+    assert abs(usual["mean"]) < 0.04 + 3 * usual["mean_error"]  # README: 3 to 4 % at worst
+    assert usual["bias"] < bare["bias"] / 2, "contrast that fog would take"
+    assert bare["bias"] > bare["bias_hidden"]
+    table = (out / "accuracy.md").read_text()
+    assert "Reference: `volpath` (the gradients' is our own renderer" in table
+    assert f"± {usual['mean_error']:.2%}" in table
+
+
+@pytest.mark.parametrize("fog", ["", "fog: {visibility: 60, height: 0}\n"])
+def test_volpath_is_refused_where_there_is_no_fog(tmp_path, fog):
+    (tmp_path / "clear.yaml").write_text(SCENE + fog)
+    with pytest.raises(RunError, match=r"clear\.yaml: --volpath is for fog.*leave it out"):
+        accuracy(
+            tmp_path / "clear.yaml",
+            tmp_path,
+            seconds=60,
+            volpath=True,
+            console=Console(quiet=True),
+        )
+
+
+def test_halves_that_differ_are_said_to():
+    """By more than noise explains: one half is 10 % brighter than the other."""
+
+    class Bench:
+        def pixels(self, image):
+            return image[0].flatten(1).T.double().numpy()
+
+    def halves(factor: float) -> reference_module.Reference:
+        torch.manual_seed(0)
+        a, b = (1 + 0.1 * torch.randn(1, 3, 16, 16) for _ in range(2))
+        gradients = [torch.ones(3, 2, 2)] * 2
+        return reference_module.Reference(1, 0.0, [a, factor * b], gradients)
+
+    same, other = (reference_module.agreement(Bench(), halves(factor)) for factor in (1.0, 1.1))
+    assert same["halves_agree"]
+    assert not other["halves_agree"]
+    assert "halves DO NOT AGREE" in describe_reference(other | {"volpath": False})
+    assert "(not converged)" in describe_reference(other | {"volpath": True})

@@ -9,13 +9,14 @@ import torch
 from rich.console import Console
 
 from cnca import build, run
+from cnca.detect import BUILTIN_CONFIG
 from cnca.errors import RunError
 from cnca.gen.feature import StoredFeature
 from cnca.optimize import Settings
 
 SHIPPED = (
     build.SHIPPED_GENERATOR / "model_index.json",
-    build.BUILTIN_CONFIG.with_suffix(".safetensors"),
+    BUILTIN_CONFIG.with_suffix(".safetensors"),
 )
 pytestmark = pytest.mark.skipif(
     not all(path.exists() for path in SHIPPED), reason="the shipped weights are not there"
@@ -59,8 +60,12 @@ def request_for(tmp_path):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
 
-    def make(name: str, *, resume: bool = False, steps: int = STEPS) -> run.Request:
-        settings = Settings("zebra strips", steps=steps, views_per_step=1, learning_rate=0.1)
+    def make(
+        name: str, *, resume: bool = False, steps: int = STEPS, feature: str = "concat"
+    ) -> run.Request:
+        settings = Settings(
+            "zebra strips", steps=steps, views_per_step=1, learning_rate=0.1, feature=feature
+        )
         return run.Request(
             scene, "builtin", tmp_path / name, settings, samples=2, held_out_views=4, resume=resume
         )
@@ -98,6 +103,21 @@ def test_a_run_leaves_everything_and_resumes_bit_for_bit(request_for, monkeypatc
         run.run(request_for("whole"), quiet())
     with pytest.raises(RunError, match="was started with another settings"):
         run.run(request_for("whole", resume=True, steps=9), quiet())
+
+
+def test_a_resumed_run_keeps_its_kind_of_feature(request_for, monkeypatch):
+    with monkeypatch.context() as patch:
+        StopAfter(patch, 1)
+        with pytest.raises(KeyboardInterrupt):
+            run.run(request_for("kind", feature="replace", steps=2), quiet())
+    with pytest.raises(RunError, match="was started with another settings"):
+        run.run(request_for("kind", resume=True, steps=2), quiet())
+    resumed = request_for("kind", feature="replace", steps=2, resume=True)
+    run.run(resumed, quiet())
+    stored = StoredFeature.load(resumed.out / "F_adv.safetensors")
+    assert stored.kind == "replace"
+    assert stored.feature.shape == (40, 128)
+    assert 0 < stored.feature.abs().max() <= stored.tau
 
 
 def check_summary(summary):

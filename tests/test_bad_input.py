@@ -142,12 +142,59 @@ OPTIMIZE = ("--prompt", "zebra", "--detector", "builtin")
         ("--detector", "bultin", "did you mean 'builtin'"),
         ("--backend", "mitsubi", "did you mean 'mitsuba'"),
         ("--generator", "nowhere", "nowhere"),
+        ("--tau", "much", "tau 'much'"),
+        ("--tau", "auto", "say --min-prompt-score"),
+        ("--min-prompt-score", "0.5", "belong to --tau auto"),
+        ("--feature", "replaced", "did you mean 'replace'"),
+        ("--update", "sing", "did you mean 'sign'"),
+        ("--gradient-steps", "21", "gradient_steps is 21: there are 20 steps"),
+        ("--tokens", "78", "tokens is 78: the encoder reads 77"),
+        ("--device", "gpu", "device 'gpu': cannot be used"),
     ],
 )
 def test_optimize(complaint, scene, tmp_path, option, value, words):
     folder = str(tmp_path / "out")
     arguments = [*OPTIMIZE, "--out", folder, option, value]
     assert words in complaint("optimize", "--scene", scene(), *arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "no --scene: give a scene file, or --photos with --labels"),
+        (("--scene", "nowhere.yaml"), "no such scene file"),
+        (("--scene", "{scene}", "--views", "1"), "--views 1"),
+        (("--scene", "{scene}", "--grid", "papr"), "did you mean 'paper'"),
+        (("--scene", "{scene}", "--texture", "gone.png"), "gone.png: no such file"),
+        (("--scene", "{scene}", "--texture", "random=a.png"), "the name 'random' is taken"),
+        (("--scene", "{scene}", "--detector", "bultin"), "did you mean 'builtin'"),
+        (("--scene", "{scene}", "--scene", "{scene}"), "two files are called 'scene'"),
+        (("--scene", "{scene}", "--carla", "nowhere"), "no .npz frames in this folder"),
+        (("--scene", "{scene}", "--carla", "x", "--grid", "paper"), "frames have their own views"),
+        (("--photos", "nowhere"), "--photos and --labels belong together"),
+        (("--photos", "nowhere", "--labels", "l.json"), "no such folder"),
+    ],
+)
+def test_evaluate(complaint, scene, tmp_path, arguments, words):
+    file = scene()
+    filled = [argument.format(scene=file) for argument in arguments]
+    assert words in complaint("evaluate", "--out", str(tmp_path / "out"), *filled)
+
+
+def test_reorder_uv(complaint, tmp_path):
+    out = str(tmp_path / "out.obj")
+    assert "did you mean 'sedan'" in complaint("reorder-uv", "builtin:sedam", "-o", out)
+    assert "end the name with .obj" in complaint("reorder-uv", "builtin:sedan", "-o", "a.ply")
+
+
+def test_tables(complaint, scene, tmp_path):
+    common = ("--scene", scene(), "--out", str(tmp_path / "out"))
+    message = complaint("tradeoff", *common, "--prompt", "zebra", "--taus", "1,-2")
+    assert "tau is -2" in message
+    message = complaint("prompts", "zebra", *common, "--scorer", "nowhere.safetensors")
+    assert "nowhere.safetensors: no prompt scorer" in message
+    message = complaint("accuracy-generator", "--out", str(tmp_path / "out"), "--probes", "0")
+    assert "--probes 0" in message
 
 
 def test_a_missing_etron_says_what_to_put_where(complaint, tmp_path, out):

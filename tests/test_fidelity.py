@@ -9,7 +9,9 @@ import torch
 
 from cnca.fidelity import (
     DARK,
+    error_of_mean,
     gradient_agreement,
+    mean_bias,
     mean_delta_e,
     root,
     squared_bias,
@@ -61,6 +63,20 @@ def test_noise_alone_is_no_bias(rng):
     )
     bias, uncertainty = squared_bias((a, b), (references[0], references[1]))
     assert abs(bias) < 4 * uncertainty
+
+
+def test_the_means_bias_is_found_with_its_error(pictures):
+    renders, references = pictures
+    bias, error = mean_bias(renders, references)
+    # Noise of 6 × PIXELS independent numbers in both means.
+    expected = np.hypot(NOISE, REFERENCE_NOISE) / np.sqrt(6 * PIXELS)
+    assert error == pytest.approx(expected / 0.5, rel=0.05)
+    assert abs(bias - BIAS / 0.5) < 4 * error
+
+
+def test_colours_that_share_their_noise_are_one_number(rng):
+    pair = [np.repeat(rng.normal(size=(PIXELS, 1)), 3, axis=1) for _ in range(2)]
+    assert error_of_mean(pair) == pytest.approx(1 / np.sqrt(2 * PIXELS), rel=0.05)
 
 
 def test_errors_are_relative_in_bright_pixels_and_absolute_in_dark_ones():

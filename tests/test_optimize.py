@@ -1,11 +1,11 @@
 """The loop, with parts so simple that the outcome is known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
 
-from cnca.errors import DetectorError, GeneratorError, NonFiniteError, RunError
+from cnca.errors import CncaError, DetectorError, GeneratorError, NonFiniteError, RunError
 from cnca.optimize import Attack, Settings, optimize, start
 from cnca.paint import Paint
 from cnca.protocols import Detector, Renderer, TextureGenerator
@@ -98,6 +98,28 @@ def test_first_adam_step_is_the_learning_rate():
     assert torch.allclose(progress.feature, torch.full((2, 3), -0.02), atol=1e-6)
 
 
+def test_signed_steps_move_every_element_by_the_learning_rate():
+    settings = Settings(
+        "grey", tau=1.0, steps=3, learning_rate=0.02, start_spread=0.0, update="sign"
+    )
+    progress, _ = run(settings)
+    assert torch.allclose(progress.feature, torch.full((2, 3), -0.06), atol=1e-6)
+
+
+def test_the_released_code_starts_at_the_prompt():
+    for feature, spread in (("concat", 0.1), ("replace", 0.0)):
+        progress = start(attack(), Settings("grey", feature=feature))
+        assert (progress.feature.std() > 0) == (spread > 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"), [({"feature": "concta"}, "concat"), ({"update": "sing"}, "sign")]
+)
+def test_unknown_kinds_name_the_nearest(wrong, hint):
+    with pytest.raises(CncaError, match=f"did you mean '{hint}'"):
+        Settings("grey", **wrong)
+
+
 def test_kappa_bounds_every_element():
     progress, _ = run(Settings("grey", tau=0.05, steps=10, learning_rate=0.1))
     assert progress.feature.abs().max().item() == pytest.approx(0.05)
@@ -111,6 +133,22 @@ def test_an_interrupted_run_ends_as_if_it_had_not_been():
     again, _ = run(settings, part)
     assert again.step == 8
     assert torch.equal(again.feature, whole.feature)
+
+
+def test_the_residual_is_given_render_and_reference():
+    class Loop(FlatRenderer):
+        def reference(self, views, weather):
+            return torch.full((len(views), 3, 8, 8), 0.25)
+
+    calls = []
+    corrected = replace(
+        attack(), renderer=Loop(), residual=lambda *pair: calls.append(pair) or 2 * pair[0]
+    )
+    albedo = torch.full((3, 4, 4), 0.3)
+    images = corrected.render(albedo, [None], None, seed=0)
+    assert torch.equal(images, 2 * calls[0][0])
+    assert (calls[0][0] == 0.3).all()
+    assert (calls[0][1] == 0.25).all()
 
 
 def test_black_boxes_are_refused():

@@ -35,8 +35,11 @@ class CandidateDetector(ABC):
         A candidate is reported for every class whose D_c · D_o reaches ``score_threshold``.
 
         Raises:
-            NonFiniteError: the detector computed NaN or infinity.
+            NonFiniteError: an image, or what the detector computed from it, is NaN or infinite.
         """
+        for index, image in enumerate(images):
+            if not bool(image.isfinite().all()):
+                raise NonFiniteError(f"{self.name}: image {index} holds a non-finite value")
         found = self.candidates(images)
         scores = found.objectness[..., None] * found.class_scores
         for index, (image_boxes, image_scores) in enumerate(zip(found.boxes, scores, strict=True)):

@@ -32,6 +32,7 @@ _READ = {
     "maxpool": "size stride padding",
     "dropout": "probability",
     "yolo": "mask anchors classes num scale_x_y new_coords",
+    "anchor_free": "classes",  # our own; Darknet has no such head
 }
 SECTIONS = tuple(kind for kind in _READ if kind != "net")
 
@@ -105,11 +106,20 @@ def read_config(path: Path) -> Config:
         DetectorError: the file cannot be read, or a section or key in it is unknown.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DetectorError(f"{path}: cannot be read as a Darknet .cfg ({error})") from error
+    return parse_config(text, path)
+
+
+def parse_config(text: str, path: Path) -> Config:
+    """Check the text of a Darknet configuration; ``path`` is its name in messages.
+
+    Raises:
+        DetectorError: a section or key is unknown.
+    """
     sections: list[Section] = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
         if not content or content.startswith(";"):
             continue

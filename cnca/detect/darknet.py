@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
+from cnca.detect.anchor_free import AnchorFreeHead, anchor_free_head
 from cnca.detect.cfg import SECTIONS, Config, Section
 from cnca.detect.yolo import YoloHead, yolo_head
 from cnca.errors import did_you_mean
@@ -33,6 +34,7 @@ ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
 
 Features = Float[Tensor, "batch channels height width"]
 Outputs = Mapping[int, Features]
+Head = YoloHead | AnchorFreeHead
 
 
 class Convolution(nn.Module):
@@ -140,7 +142,8 @@ class Dropout(nn.Module):
 class Darknet(nn.Module):
     """The network of a configuration, with random weights drawn from ``generator``.
 
-    ``heads`` holds its ``[yolo]`` layers; the network returns their raw inputs in that order.
+    ``heads`` holds its ``[yolo]`` or ``[anchor_free]`` layers; the network returns their raw
+    inputs in that order.
 
     Raises:
         DetectorError: a layer cannot be built, or its inputs do not fit together.
@@ -152,7 +155,7 @@ class Darknet(nn.Module):
         # Built on the meta device first: running each layer there infers every shape at no cost.
         with torch.device("meta"):
             self.layers = _build_layers(config)
-        self.heads = [layer for layer in self.layers if isinstance(layer, YoloHead)]
+        self.heads = [layer for layer in self.layers if isinstance(layer, Head)]
         if not self.heads:
             raise config.net.error("the network has no [yolo] layer; add one")
         self.kept = {s for layer in self.layers for s in getattr(layer, "sources", ())}
@@ -180,7 +183,7 @@ class Darknet(nn.Module):
             x = layer(x, kept)
             if index in self.kept:
                 kept[index] = x
-            if isinstance(layer, YoloHead):
+            if isinstance(layer, Head):
                 raw.append(x)
         return raw
 
@@ -217,6 +220,8 @@ def _build_layer(section: Section, index: int, channels: int) -> nn.Module:
             return Dropout(section)
         case "yolo":
             return yolo_head(section, channels)
+        case "anchor_free":
+            return anchor_free_head(section, channels)
     raise section.error(f"is not supported{did_you_mean(section.kind, SECTIONS)}")
 
 

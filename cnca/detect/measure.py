@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from cnca.detect.base import CandidateDetector
 from cnca.detect.dataset import TEST, LabelledPictures
+from cnca.protocols import Detector
 from cnca.scores import average_precision, detection_score
 from cnca.types import Detections
 
@@ -16,7 +16,7 @@ ALARM = 0.25
 
 
 def measure(
-    detector: CandidateDetector, data: LabelledPictures, *, label: int = 0, batch: int = 32
+    detector: Detector, data: LabelledPictures, *, label: int = 0, batch: int = 32
 ) -> dict[str, dict[str, float]]:
     """Return, for each group of the test half and for ``all``, what was found of class ``label``.
 

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
 from cnca.types import Boxes, SrgbImages
+
+Fit = Literal["stretch", "letterbox", "corner"]
+"""Resize without regard to the aspect ratio; or keep it, the picture in the middle of the input; or
+keep it, the picture at the top left."""
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,41 @@ class Placement:
         return (boxes - boxes.new_tensor(self.offset * 2)) / boxes.new_tensor(self.scale * 2)
 
 
+@dataclass(frozen=True)
+class Entry:
+    """How display values in [0, 1] become what a network was trained on.
+
+    input = (value · white − mean) / std, the channels in their order at the input.
+    """
+
+    channels: Literal["rgb", "bgr"] = "rgb"
+    white: float = 1.0
+    mean: Triple = (0.0, 0.0, 0.0)
+    std: Triple = (1.0, 1.0, 1.0)
+    fit: Fit = "stretch"
+    fill: float | None = None
+    """Grey beside the picture, 0 to 255; None is the colour that becomes 0 at the input."""
+
+    def prepare(self, images: SrgbImages, size: tuple[int, int]) -> tuple[Tensor, Placement]:
+        """Return the input of ``size`` (height, width), differentiable, and where pictures lie."""
+        if self.channels == "bgr":
+            images = images.flip(1)
+        mean, std = (images.new_tensor(v)[:, None, None] for v in (self.mean, self.std))
+        if self.fit == "stretch":
+            fitted, placement = stretch(images, size)
+        else:
+            colour = (
+                mean / self.white if self.fill is None else torch.full_like(mean, self.fill / 255)
+            )
+            fitted, placement = letterbox(images, size, colour, centred=self.fit == "letterbox")
+        return (fitted * self.white - mean) / std, placement
+
+
+PLAIN = Entry()
+IMAGENET = Entry(mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225))
+"""Mean and deviation of ImageNet's red, green, blue: what most backbones are trained with."""
+
+
 def stretch(images: SrgbImages, size: tuple[int, int]) -> tuple[SrgbImages, Placement]:
     """Resize to ``size`` (height, width) without regard to the aspect ratio."""
     height, width = size
@@ -33,9 +75,13 @@ def stretch(images: SrgbImages, size: tuple[int, int]) -> tuple[SrgbImages, Plac
 
 
 def letterbox(
-    images: SrgbImages, size: tuple[int, int], *, grey: float, centred: bool
+    images: SrgbImages,
+    size: tuple[int, int],
+    colour: Float[Tensor, "3 1 1"] | float,
+    *,
+    centred: bool,
 ) -> tuple[SrgbImages, Placement]:
-    """Resize into ``size`` (height, width), keep the aspect ratio, fill the rest with ``grey``.
+    """Resize into ``size`` (height, width), keep the aspect ratio, fill the rest with ``colour``.
 
     The picture lies in the middle, or else at the top left.
     """
@@ -44,7 +90,7 @@ def letterbox(
     inner = (max(1, int(images.shape[2] * ratio)), max(1, int(images.shape[3] * ratio)))
     top, left = ((height - inner[0]) // 2, (width - inner[1]) // 2) if centred else (0, 0)
     border = (left, width - inner[1] - left, top, height - inner[0] - top)
-    resized = functional.pad(_resize(images, inner), border, value=grey)
+    resized = functional.pad(_resize(images, inner) - colour, border) + colour
     scale = (inner[1] / images.shape[3], inner[0] / images.shape[2])
     return resized, Placement(scale, (float(left), float(top)))
 

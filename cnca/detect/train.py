@@ -1,4 +1,4 @@
-"""Training a Darknet detector from scratch."""
+"""Training a detector from scratch."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import cast
 
 import cv2
 import torch
@@ -18,24 +16,18 @@ from torch.optim import AdamW
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torch.utils.data import DataLoader
 
-from cnca.detect import BUILTIN_CONFIG
-from cnca.detect.anchors import cluster_anchors, write_anchors
-from cnca.detect.cfg import read_config
-from cnca.detect.darknet import Convolution, Darknet
-from cnca.detect.dataset import LabelledPictures, TrainingPictures, collate
+from cnca.detect import BUILTIN, BUILTINS, load_detector
+from cnca.detect.darknet_subject import DarknetSubject
+from cnca.detect.dataset import TRAIN, LabelledPictures, TrainingPictures, collate
 from cnca.detect.measure import measure
-from cnca.detect.weights import save_weights
-from cnca.detect.white_box import DarknetDetector
-from cnca.detect.yolo import YoloHead
-from cnca.detect.yolo_loss import Targets, yolo_loss
+from cnca.detect.subject import Subject
+from cnca.detect.yolo_loss import Targets
 from cnca.errors import DetectorError, NonFiniteError, RunError
-from cnca.files import replacing
+from cnca.files import replacing, write_text
 
 Tensors = list[torch.Tensor] | tuple[torch.Tensor, ...]
 
-LEARNING_RATE, WARM_UP, WEIGHT_DECAY, AVERAGING = 2e-3, 0.05, 0.02, 0.998
-OBJECT_PRIOR = 0.01
-"""Objectness that an untrained network gives everywhere (Lin et al. 2017, section 4.1)."""
+WARM_UP, WEIGHT_DECAY, AVERAGING = 0.05, 0.02, 0.998
 LARGEST_GRADIENT = 10.0
 
 
@@ -55,12 +47,13 @@ class Settings:
 class Training:
     """The state that a checkpoint holds: network, its moving average, optimizer, progress."""
 
-    def __init__(self, network: Darknet, settings: Settings) -> None:
+    def __init__(self, subject: Subject, settings: Settings) -> None:
         self.settings = settings
-        self.network = network
+        self.subject = subject
+        self.network = subject.network
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.average = AveragedModel(network, multi_avg_fn=moving_average, use_buffers=True)
-        self.optimizer = AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        self.average = AveragedModel(self.network, multi_avg_fn=moving_average, use_buffers=True)
+        self.optimizer = AdamW(self.network.parameters(), weight_decay=WEIGHT_DECAY)
         self.epoch = 0
         self.seconds = 0.0
 
@@ -73,13 +66,10 @@ class Training:
     def step(self, images: torch.Tensor, targets: Targets, progress: float) -> dict[str, float]:
         """One step of the optimizer; returns the losses by name."""
         for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate(progress)
+            group["lr"] = self.subject.learning_rate * rate_factor(progress)
         self.network.train()
         images = images.contiguous(memory_format=torch.channels_last)
-        with torch.autocast(images.device.type, torch.bfloat16, enabled=self.settings.bfloat16):
-            raw = self.network(images)
-        size = self.network.config.size
-        losses = yolo_loss(self.network.heads, [r.float() for r in raw], targets, size)
+        losses = self.subject.losses(images, targets, bfloat16=self.settings.bfloat16)
         loss = torch.stack(list(losses.values())).sum()
         if not bool(loss.isfinite()):
             raise NonFiniteError(f"detector training: loss is {loss.item()} in epoch {self.epoch}")
@@ -124,15 +114,17 @@ def train_detector(
     out: Path,
     settings: Settings = Settings(),
     *,
-    template: Path = BUILTIN_CONFIG,
+    template: Path = BUILTINS[BUILTIN],
     resume: bool = False,
     log: Callable[[str], None] = print,
 ) -> dict:
     """Train the network of ``template`` on ``dataset`` and return the report on its test half.
 
-    ``out`` receives ``<template>.cfg`` (with anchors of the data), ``.names``, ``.safetensors``
-    and ``.json`` (the report), which :func:`cnca.detect.load_detector` understands, and
-    ``checkpoint.pt`` after each epoch, from which ``resume`` continues.
+    ``template`` is a Darknet ``.cfg``, or a folder with a ``config.json`` of transformers.  ``out``
+    receives what :func:`cnca.detect.load_detector` understands: ``<template>.cfg`` (with anchors
+    of the data), ``.names`` and ``.safetensors``, or the files of a transformers folder; the
+    report, ``<template>.json``; and after each epoch ``checkpoint.pt``, from which ``resume``
+    continues.
 
     Raises:
         DetectorError: the data set cannot be used.
@@ -144,26 +136,31 @@ def train_detector(
     if checkpoint.exists() and not resume:
         raise RunError(f"{out}: holds a training; resume it or choose another folder")
     out.mkdir(parents=True, exist_ok=True)
-    config = out / template.name
-    if not checkpoint.exists():
-        write_config(data, template, config, settings.seed)
-    network = Darknet(read_config(config), torch.Generator().manual_seed(settings.seed))
-    set_object_prior(network)
-    training = Training(network, settings)
+    if not any(len(data.boxes[index]) for index in data.of_split(TRAIN)):
+        raise DetectorError(f"{data.folder}: no boxes to train on")
+    training = Training(start(data, template, out, settings.seed), settings)
     if checkpoint.exists():
         training.load(checkpoint)
         log(f"resumed after epoch {training.epoch}")
     run_epochs(training, data, checkpoint, log)
-    trained = cast(Darknet, training.average.module)
-    save_weights(trained, config.with_suffix(".safetensors"))
+    saved = training.subject.save(training.average.module)
     report = {
         "settings": asdict(settings),
         "epochs": training.epoch,
         "seconds": round(training.seconds, 1),
-        "test": measure(DarknetDetector(trained, data.class_names, config.stem), data),
+        "test": measure(load_detector(str(saved)), data),
     }
-    write_text(config.with_suffix(".json"), json.dumps(report, indent=2) + "\n")
+    write_text(out / f"{template.stem}.json", json.dumps(report, indent=2) + "\n")
     return report
+
+
+def start(data: LabelledPictures, template: Path, out: Path, seed: int) -> Subject:
+    """A new network of ``template`` for the classes of ``data``, to be saved into ``out``."""
+    if template.suffix == ".cfg":
+        return DarknetSubject.begin(data, template, out, seed)
+    from cnca.detect.transformer_subject import TransformerSubject
+
+    return TransformerSubject.begin(data, template, out, seed)
 
 
 def run_epochs(
@@ -171,15 +168,17 @@ def run_epochs(
 ) -> None:
     """Train until the last epoch or the time limit, with a checkpoint after each epoch."""
     settings = training.settings
-    pictures = TrainingPictures(data, training.network.config.size, settings.seed)
+    pictures = TrainingPictures(data, training.subject.size, settings.seed)
     if len(pictures) < settings.batch:
         raise DetectorError(f"{data.folder}: {len(pictures)} pictures to train on, too few")
-    with Progress() as bar:
+    with Progress() as bar, torch.random.fork_rng(devices=[]):
         task = bar.add_task("training", total=1.0)
         while training.progress(0.0, training.seconds) < 1:
             started, before = time.monotonic(), training.seconds
             pictures.epoch = training.epoch
             loader = _loader(pictures, settings)
+            # What networks draw while they train depends on the epoch alone: resumed runs agree.
+            torch.manual_seed(settings.seed * 1_000_003 + training.epoch)
             sums: dict[str, float] = {}
             for index, (images, targets) in enumerate(loader):
                 training.seconds = before + time.monotonic() - started
@@ -196,53 +195,17 @@ def run_epochs(
             log(f"epoch {training.epoch}: {means}, {training.seconds:.0f} s")
 
 
-def learning_rate(progress: float) -> float:
-    """Linear warm-up, then half a cosine to zero (Loshchilov & Hutter 2017)."""
+def rate_factor(progress: float) -> float:
+    """Step size in [0, 1]: linear warm-up, half a cosine to zero (Loshchilov & Hutter 2017)."""
     if progress < WARM_UP:
-        return LEARNING_RATE * max(progress / WARM_UP, 0.01)
-    return LEARNING_RATE * 0.5 * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP)))
+        return max(progress / WARM_UP, 0.01)
+    return 0.5 * (1 + math.cos(math.pi * (progress - WARM_UP) / (1 - WARM_UP)))
 
 
 def moving_average(averaged: Tensors, current: Tensors, steps: torch.Tensor | int) -> None:
     """Exponential moving average in place; it forgets faster during the first steps."""
     decay = min(AVERAGING, (1 + int(steps)) / (10 + int(steps)))
     get_ema_multi_avg_fn(decay)(averaged, current, steps)
-
-
-def set_object_prior(network: Darknet) -> None:
-    """Start with few objects everywhere, so that the background does not rule the first steps."""
-    for before, head in pairwise(network.layers):
-        if isinstance(head, YoloHead) and isinstance(before, Convolution):
-            bias = before.convolution.bias
-            if bias is not None:
-                bias.data.view(-1, 5 + head.classes)[:, 4] = math.log(
-                    OBJECT_PRIOR / (1 - OBJECT_PRIOR)
-                )
-
-
-def write_config(data: LabelledPictures, template: Path, config: Path, seed: int) -> None:
-    """Copy ``template`` with anchors of the training boxes, and write the class names beside it."""
-    parsed = read_config(template)
-    heads = Darknet(parsed).heads
-    if heads[0].classes != len(data.class_names):
-        names = ", ".join(data.class_names)
-        raise DetectorError(f"{template}: {heads[0].classes} classes, the data set has: {names}")
-    height, width = parsed.size
-    scale = min(height / data.pictures.shape[1], width / data.pictures.shape[2])
-    boxes = torch.cat([torch.from_numpy(data.boxes[i]) for i in data.of_split("train")]).float()
-    if len(boxes) == 0:
-        raise DetectorError(f"{data.folder}: no boxes to train on")
-    sizes = (boxes[:, 2:4] - boxes[:, :2]) * scale
-    count = sum(len(head.anchors) for head in heads)
-    anchors = cluster_anchors(sizes, count, torch.Generator().manual_seed(seed))
-    write_text(config, write_anchors(template.read_text(encoding="utf-8"), anchors))
-    write_text(config.with_suffix(".names"), "\n".join(data.class_names) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write under a temporary name, then rename."""
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def _loader(pictures: TrainingPictures, settings: Settings) -> DataLoader:

@@ -76,7 +76,7 @@ def _load_darknet(network: Darknet, path: Path) -> None:
     found = (len(content) - start) / 4
     if found != expected:
         raise DetectorError(
-            f"{path}: {network.config.path} needs {expected} weights, the file holds {found:g}; "
+            f"{path}: {network.config.path} needs {expected} weights, the file holds {found:.12g}; "
             "is it truncated, or of another network?"
         )
     values = torch.from_numpy(np.frombuffer(content, "<f4", offset=start).copy())

@@ -8,12 +8,13 @@ from pathlib import Path
 import torch
 
 from cnca.detect.base import CandidateDetector
-from cnca.detect.cfg import read_config
-from cnca.detect.coco import CLASS_NAMES
+from cnca.detect.cfg import Config, parse_config, read_config
+from cnca.detect.classes import COCO, read_names
 from cnca.detect.darknet import Darknet
 from cnca.detect.preprocess import letterbox, stretch
 from cnca.detect.weights import SUFFIXES, load_weights
-from cnca.errors import DetectorError
+from cnca.detect.yolov3 import CONFIGS
+from cnca.errors import DetectorError, did_you_mean
 from cnca.types import Candidates, SrgbImages
 
 
@@ -43,10 +44,32 @@ class DarknetDetector(CandidateDetector):
         Raises:
             DetectorError: a file is missing or cannot be used.
         """
-        network = Darknet(read_config(config))
-        load_weights(network, _beside(config))
-        names = _class_names(config, network.heads[0].classes)
-        return cls(network.to(device), names, name or config.stem)
+        return cls._of(read_config(config), _beside(config), device, name or config.stem)
+
+    @classmethod
+    def load_weights(cls, weights: Path, *, device: torch.device | str = "cpu") -> DarknetDetector:
+        """Read ``weights`` of the configuration of the same stem beside it, or of our own YOLOv3.
+
+        Raises:
+            DetectorError: there is neither, or a file cannot be used.
+        """
+        config = weights.with_suffix(".cfg")
+        if config.is_file():
+            return cls._of(read_config(config), weights, device, weights.stem)
+        if weights.stem not in CONFIGS:
+            hint = did_you_mean(weights.stem, CONFIGS)
+            raise DetectorError(f"{weights}: no {config.name} beside it; put it there{hint}")
+        parsed = parse_config(CONFIGS[weights.stem](), config)
+        return cls._of(parsed, weights, device, weights.stem)
+
+    @classmethod
+    def _of(
+        cls, config: Config, weights: Path, device: torch.device | str, name: str
+    ) -> DarknetDetector:
+        network = Darknet(config)
+        load_weights(network, weights)
+        names = _class_names(config.path, network.heads[0].classes)
+        return cls(network.to(device), names, name)
 
     def candidates(self, images: SrgbImages) -> Candidates:
         """Return all boxes of all heads, in pixels of ``images``; differentiable in ``images``.
@@ -55,7 +78,7 @@ class DarknetDetector(CandidateDetector):
         """
         images = images.to(next(self.network.parameters()))
         if self.keeps_aspect:
-            inputs, placement = letterbox(images, self.size, grey=0.5, centred=True)
+            inputs, placement = letterbox(images, self.size, 0.5, centred=True)
         else:
             inputs, placement = stretch(images, self.size)
         raw = self.network(inputs)
@@ -83,11 +106,10 @@ def _class_names(config: Path, classes: int) -> Sequence[str]:
     """One name per line in the ``.names`` file of the same stem, or COCO's 80."""
     path = config.with_suffix(".names")
     if not path.is_file():
-        if classes == len(CLASS_NAMES):
-            return CLASS_NAMES
+        if classes == len(COCO):
+            return COCO
         raise DetectorError(f"{config}: write the names of its {classes} classes to {path.name}")
-    names = path.read_text(encoding="utf-8").split("\n")
-    names = [name.strip() for name in names if name.strip()]
+    names = read_names(path)
     if len(names) != classes:
         raise DetectorError(f"{path}: {len(names)} names for {classes} classes of {config.name}")
     return names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 
 from cnca.boxes import cxcywh_to_xyxy
 from cnca.detect.cfg import Section
+from cnca.detect.grid import cell_corners
 from cnca.types import Candidates
 
 LARGEST_EXPONENT = 8.0
@@ -42,19 +44,17 @@ class YoloHead(nn.Module):
         self, split: Float[Tensor, "batch anchors rows columns values"], stride: tuple[float, float]
     ) -> Float[Tensor, "batch anchors rows columns 4"]:
         """xyxy in pixels of the network's input; ``stride`` is a cell's (width, height) in them."""
-        rows, columns = split.shape[2:4]
-        grid_y, grid_x = torch.meshgrid(
-            torch.arange(rows, device=split.device, dtype=split.dtype),
-            torch.arange(columns, device=split.device, dtype=split.dtype),
-            indexing="ij",
-        )
-        cells = torch.stack([grid_x, grid_y], dim=-1)
+        cells = cell_corners(split.shape[2], split.shape[3], split)
         # scale_x_y lets centres reach the cell's border (Bochkovskiy et al. 2020, section 3.3).
         inside = split[..., :2].sigmoid() * self.scale_xy - (self.scale_xy - 1) / 2
         centres = (cells + inside) * split.new_tensor(stride)
         anchors = split.new_tensor(self.anchors)[None, :, None, None, :]
         sizes = split[..., 2:4].clamp(max=LARGEST_EXPONENT).exp() * anchors
         return cxcywh_to_xyxy(torch.cat([centres, sizes], dim=-1))
+
+    def start(self, bias: Tensor, prior: float) -> None:
+        """Set the bias of the layer before so that objectness is ``prior`` everywhere."""
+        bias.view(-1, 5 + self.classes)[:, 4] = math.log(prior / (1 - prior))
 
     def candidates(
         self, raw: Float[Tensor, "batch outputs rows columns"], size: tuple[int, int]

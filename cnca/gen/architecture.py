@@ -77,7 +77,7 @@ def with_position_channels(vae: AutoencoderKL) -> AutoencoderKL:
 
 
 def denoiser() -> UNet2DConditionModel:
-    """The U-Net: cross-attention at 8×8, and all tokens pooled into the time embedding.
+    """The U-Net: cross-attention at 8×8 and 16×16, and all tokens pooled into the time embedding.
 
     The pooling (``addition_embed_type``) is the short way for colours: with cross-attention alone
     the text still had no effect after 2,000 steps.
@@ -86,8 +86,8 @@ def denoiser() -> UNet2DConditionModel:
         sample_size=32,
         in_channels=PICTURE_CHANNELS + POSITION_CHANNELS,
         out_channels=PICTURE_CHANNELS + POSITION_CHANNELS,
-        down_block_types=("DownBlock2D", "DownBlock2D", "CrossAttnDownBlock2D"),
-        up_block_types=("CrossAttnUpBlock2D", "UpBlock2D", "UpBlock2D"),
+        down_block_types=("DownBlock2D", "CrossAttnDownBlock2D", "CrossAttnDownBlock2D"),
+        up_block_types=("CrossAttnUpBlock2D", "CrossAttnUpBlock2D", "UpBlock2D"),
         block_out_channels=(32, 64, 96),
         layers_per_block=1,
         cross_attention_dim=TEXT_WIDTH,

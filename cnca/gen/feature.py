@@ -1,10 +1,18 @@
-"""The adversarial feature F_adv: start values, the bound κ, and its file."""
+"""The adversarial feature F_adv: its two kinds, start values, the bound κ, and its file.
+
+``concat`` is the paper: [κ(F_adv), F_txt] (equations 8, 12 and 13).  ``replace`` is what the
+authors' released code does instead: the last 40 of the prompt's 77 tokens are optimized, from the
+prompt's own embedding, and clamped to within ±τ of it.  Here F_adv is in both cases the difference
+from what the model would read without an attack: each element lies in [−τ, τ], and F_adv = 0 is
+the prompt alone.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -12,10 +20,30 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from cnca.errors import GeneratorError
+from cnca.errors import GeneratorError, did_you_mean
+
+CONCAT, REPLACE = "concat", "replace"
+KINDS = (CONCAT, REPLACE)
+
+START_SPREAD = {CONCAT: 0.1, REPLACE: 0.0}
+"""Standard deviation of F_adv at the start: tokens of padding are alike and, without it, would
+stay nearly so; the released code starts at the prompt's own embedding."""
 
 Feature = Float[Tensor, "tokens width"]
 """F_adv: ``tokens`` vectors as wide as the text encoder's, unbounded until projected."""
+
+
+def check_kind(kind: str) -> str:
+    """Return ``kind``; raises :class:`GeneratorError` where it is none of :data:`KINDS`."""
+    if kind not in KINDS:
+        hint = did_you_mean(kind, KINDS)
+        raise GeneratorError(f"feature '{kind}': unknown; there is {' and '.join(KINDS)}{hint}")
+    return kind
+
+
+def default_tokens(kind: str, length: int) -> int:
+    """Tokens of F_adv beside a text of ``length``: as many, or the released code's 40 of 77."""
+    return length if check_kind(kind) == CONCAT else max(1, round(length * 40 / 77))
 
 
 def initial(
@@ -37,6 +65,21 @@ def project(feature: Feature, tau: float) -> Feature:
     return feature if math.isinf(tau) else feature.clamp(-tau, tau)
 
 
+class SignedSteps(torch.optim.SGD):
+    """F ← F − η · sign(∇L), the other update in use (PGD, Madry et al. 2018)."""
+
+    def step(self, closure: Any = None) -> Any:
+        """Move every element by the learning rate, or not at all where its gradient is 0."""
+        for group in self.param_groups:
+            for parameter in group["params"]:
+                parameter.grad.sign_()
+        return super().step(closure)
+
+
+UPDATES: dict[str, type[torch.optim.Optimizer]] = {"adam": torch.optim.Adam, "sign": SignedSteps}
+"""Name → update of F_adv (equation 12); the paper's is Adam."""
+
+
 def check_finite(feature: Feature) -> None:
     """Raise :class:`GeneratorError` if F_adv holds NaN or infinity."""
     bad = int((~torch.isfinite(feature)).sum())
@@ -54,11 +97,12 @@ class StoredFeature:
     feature: Feature
     prompt: str
     tau: float
+    kind: str = CONCAT
 
     def save(self, path: Path) -> None:
         """Write a safetensors file; a reader never sees half of it."""
         unfinished = path.with_name(path.name + ".tmp")
-        metadata = {"prompt": self.prompt, "tau": repr(float(self.tau))}
+        metadata = {"prompt": self.prompt, "tau": repr(float(self.tau)), "feature": self.kind}
         save_file({"F_adv": self.feature.detach().contiguous()}, unfinished, metadata)
         unfinished.replace(path)
 
@@ -68,7 +112,12 @@ class StoredFeature:
         try:
             with safe_open(path, framework="pt") as file:
                 metadata = file.metadata() or {}
-                stored = cls(file.get_tensor("F_adv"), metadata["prompt"], float(metadata["tau"]))
+                stored = cls(
+                    file.get_tensor("F_adv"),
+                    metadata["prompt"],
+                    float(metadata["tau"]),
+                    check_kind(metadata.get("feature", CONCAT)),  # the only one that once was
+                )
         except (OSError, SafetensorError, KeyError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise GeneratorError(

@@ -53,9 +53,10 @@ def load_pipeline(
     """Load the safetensors weights in ``folder``; its scheduler's betas are used with DDIM.
 
     Raises :class:`GeneratorError` where the folder is missing, is no Stable Diffusion pipeline,
-    or cannot be read.
+    or cannot be read, or where torch has no such device.
     """
     _check_index(folder)
+    _check_device(device)
     disable_progress_bar()  # a second's work, and errors are to be one line
     options = {"use_safetensors": True, "local_files_only": True}
     try:
@@ -78,6 +79,14 @@ def load_pipeline(
             f"{folder}: cannot load the pipeline ({reason}); copy the folder anew, "
             "with safetensors weights"
         ) from error
+
+
+def _check_device(device: torch.device | str) -> None:
+    try:
+        torch.empty(0, device=device)
+    except (AssertionError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise GeneratorError(f"device '{device}': cannot be used ({reason}); take cpu") from error
 
 
 def _check_index(folder: Path) -> None:

@@ -14,7 +14,7 @@ in the code            in the paper (section 3.3, equations 7 and 8) and in DDIM
 from __future__ import annotations
 
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import torch
 from jaxtyping import Float
@@ -22,7 +22,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from cnca.errors import GeneratorError, NonFiniteError
-from cnca.gen.feature import check_finite
+from cnca.gen.feature import CONCAT, REPLACE, check_finite, check_kind, default_tokens
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
 from cnca.types import SrgbTexture
 
@@ -33,27 +33,40 @@ TextFeature = Float[Tensor, "tokens width"]
 class DiffusionTextureGenerator:
     """Paints textures with a frozen diffusion model (implements ``TextureGenerator``).
 
-    ``tokens`` is the number of tokens of F_adv, ``steps`` that of DDIM, ``guidance`` the scale of
-    classifier-free guidance (1 switches it off), ``size`` the texture's side in pixels (by default
-    the model's own).  Gradients flow through all steps, or through the last ``backprop_steps``
-    only.  Each step is checkpointed: memory holds one step's activations, whatever ``steps`` is.
+    ``feature`` says what F_adv does to the text (see :mod:`cnca.gen.feature`), ``tokens`` is its
+    number of tokens (by default all that the encoder reads for ``concat``, the last 40 of 77 for
+    ``replace``), ``steps`` the number of DDIM steps, ``guidance`` the scale of classifier-free
+    guidance (1 switches it off), ``size`` the texture's side in pixels (by default the model's
+    own).  Gradients flow through all steps, or through the last ``gradient_steps`` only.  Each step
+    is checkpointed: memory holds one step's activations, whatever ``steps`` is.  ``half`` is the
+    type of the U-Net's products and convolutions (autocast), such as bfloat16; weights, latents
+    and the autoencoder stay as they are.
     """
 
     def __init__(
         self,
         pipeline: Pipeline,
         *,
-        tokens: int = 77,
+        feature: str = CONCAT,
+        tokens: int | None = None,
         steps: int = 20,
         guidance: float = 2.5,
         size: int | None = None,
-        backprop_steps: int | None = None,
+        gradient_steps: int | None = None,
+        half: torch.dtype | None = None,
     ) -> None:
-        backprop_steps = steps if backprop_steps is None else backprop_steps
-        _require_positive(tokens=tokens, steps=steps, backprop_steps=backprop_steps)
+        gradient_steps = steps if gradient_steps is None else gradient_steps
+        tokens = default_tokens(feature, _length(pipeline)) if tokens is None else tokens
+        _require_positive(tokens=tokens, steps=steps, gradient_steps=gradient_steps)
+        if gradient_steps > steps:
+            raise GeneratorError(f"gradient_steps is {gradient_steps}: there are {steps} steps")
+        if tokens > _length(pipeline):
+            raise GeneratorError(f"tokens is {tokens}: the encoder reads {_length(pipeline)}")
         self._pipeline = pipeline
+        self._replaces = check_kind(feature) == REPLACE
         self._guidance = guidance
-        self._backprop_steps = backprop_steps
+        self._gradient_steps = gradient_steps
+        self._half = half
         self._latent_shape = _latent_shape(pipeline, size)
         pipeline.scheduler.set_timesteps(steps, device=pipeline.unet.device)
         self.feature_shape = (tokens, pipeline.unet.config.cross_attention_dim)
@@ -61,45 +74,30 @@ class DiffusionTextureGenerator:
 
     @classmethod
     def load(
-        cls,
-        path: Path | None = None,
-        *,
-        tokens: int = 77,
-        steps: int = 20,
-        guidance: float = 2.5,
-        size: int | None = None,
-        backprop_steps: int | None = None,
-        device: torch.device | str = "cpu",
+        cls, path: Path | None = None, *, device: torch.device | str = "cpu", **options: Any
     ) -> DiffusionTextureGenerator:
         """Load a Stable Diffusion folder (the shipped one by default), weights in float32.
 
-        Raises :class:`GeneratorError` where the folder or an option cannot be used.
+        ``options`` are the constructor's.  Raises :class:`GeneratorError` where the folder, the
+        device or an option cannot be used.
         """
-        pipeline = load_pipeline(path or SHIPPED, device=device)
-        return cls(
-            pipeline,
-            tokens=tokens,
-            steps=steps,
-            guidance=guidance,
-            size=size,
-            backprop_steps=backprop_steps,
-        )
+        return cls(load_pipeline(path or SHIPPED, device=device), **options)
 
     @torch.no_grad()
     def encode(self, prompt: str) -> TextFeature:
-        """Return F_txt, padded to the encoder's length (77).
+        """Return F_txt on the CPU, padded to the encoder's length (77).
 
         Raises :class:`GeneratorError` for a prompt that is longer.
         """
         tokenizer, encoder = self._pipeline.tokenizer, self._pipeline.text_encoder
         words = tokenizer(prompt, padding="max_length", return_tensors="pt", verbose=False)
-        count, most = words.input_ids.shape[1], tokenizer.model_max_length
+        count, most = words.input_ids.shape[1], _length(self._pipeline)
         if count > most:
             raise GeneratorError(
                 f"the prompt '{prompt[:30]}…' has {count} tokens, the encoder reads {most}; "
                 "shorten it"
             )
-        return encoder(words.input_ids.to(encoder.device)).last_hidden_state[0]
+        return encoder(words.input_ids.to(encoder.device)).last_hidden_state[0].cpu()
 
     def generate(
         self,
@@ -109,31 +107,52 @@ class DiffusionTextureGenerator:
     ) -> SrgbTexture:
         """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size, size).
 
-        F_adv comes first, as in equation 8, each of its tokens added to a padding token of the
-        empty prompt: F_adv = 0 then asks for nothing, while a token of zeros would be none that
-        the model knows.  The unconditional branch reads as many tokens, with F_adv = 0.
-        ``generator`` draws the initial noise; the same state gives the same texture.
+        ``generator`` draws the initial noise; the same state gives the same texture.  The texture
+        comes back to the device of ``text_feature``.
         """
+        latents = self.sample(text_feature, adversarial_feature, generator)
+        return self._decode(latents).to(text_feature.device)
+
+    def sample(
+        self,
+        text_feature: TextFeature,
+        adversarial_feature: Float[Tensor, "extra width"] | None,
+        generator: torch.Generator,
+    ) -> Float[Tensor, "1 channels height width"]:
+        """Return the latents x_0 from which :meth:`generate` decodes the texture."""
         condition = self._condition(text_feature, adversarial_feature)
+        condition = condition.to(self._pipeline.unet.device)
         latents = self._initial_noise(generator).to(condition)
         timesteps = self._pipeline.scheduler.timesteps
-        first_with_gradient = len(timesteps) - self._backprop_steps
+        first_with_gradient = len(timesteps) - self._gradient_steps
         for i, t in enumerate(timesteps):
             with torch.set_grad_enabled(torch.is_grad_enabled() and i >= first_with_gradient):
                 latents = checkpoint(self._ddim_step, latents, t, condition, use_reentrant=False)
-        return self._decode(latents)
+        return latents
 
     def _condition(
         self, text_feature: TextFeature, adversarial_feature: Tensor | None
     ) -> Float[Tensor, "branches tokens width"]:
-        """Stack what the branches read: with guidance the unconditional one first."""
-        tokens = [self._empty_feature.to(text_feature), text_feature]
+        """Stack what the branches read: with guidance the unconditional one first.
+
+        ``concat``: F_adv comes first, as in equation 8, each of its tokens added to a padding token
+        of the empty prompt: F_adv = 0 then asks for nothing, while a token of zeros would be none
+        that the model knows; the unconditional branch reads as many tokens, with F_adv = 0.
+        ``replace``: F_adv is added to the prompt's last tokens; the unconditional branch is that of
+        the empty prompt.
+        """
+        without, with_text = self._empty_feature.to(text_feature), text_feature
         if adversarial_feature is not None:
             self._check(adversarial_feature)
-            neutral = tokens[0][-len(adversarial_feature) :]
-            extra = [neutral, neutral + adversarial_feature]
-            tokens = [torch.cat(pair) for pair in zip(extra, tokens, strict=True)]
-        return torch.stack(tokens if self._guidance > 1.0 else tokens[1:])
+            count = len(adversarial_feature)
+            neutral = without[-count:]
+            if self._replaces:
+                replaced = with_text[-count:] + adversarial_feature
+                with_text = torch.cat([with_text[:-count], replaced])
+            else:
+                with_text = torch.cat([neutral + adversarial_feature, with_text])
+                without = torch.cat([neutral, without])
+        return torch.stack([without, with_text] if self._guidance > 1.0 else [with_text])
 
     def _ddim_step(
         self,
@@ -144,7 +163,9 @@ class DiffusionTextureGenerator:
         """x_t → x_{t−1}, deterministic."""
         unet, scheduler = self._pipeline.unet, self._pipeline.scheduler
         same = latents.expand(len(condition), -1, -1, -1)
-        predicted = unet(same, t, encoder_hidden_states=condition, return_dict=False)[0]
+        with torch.autocast(same.device.type, self._half, enabled=self._half is not None):
+            predicted = unet(same, t, encoder_hidden_states=condition, return_dict=False)[0]
+        predicted = predicted.to(latents)
         if self._guidance > 1.0:
             without, with_text = predicted.chunk(2)
             predicted = without + self._guidance * (with_text - without)
@@ -155,7 +176,7 @@ class DiffusionTextureGenerator:
         decoded = vae.decode(latents / vae.config.scaling_factor, return_dict=False)[0][0]
         if not torch.isfinite(decoded).all():
             raise NonFiniteError("the generated texture is not finite: F_adv or guidance too large")
-        return (0.5 * decoded + 0.5).clamp(0.0, 1.0)
+        return UnitRange.apply(0.5 * decoded + 0.5)
 
     def _initial_noise(self, generator: torch.Generator) -> Tensor:
         scale = self._pipeline.scheduler.init_noise_sigma
@@ -170,6 +191,31 @@ class DiffusionTextureGenerator:
                 f"this generator reads (1 to {most} tokens, {width})"
             )
         check_finite(feature)
+
+
+class UnitRange(torch.autograd.Function):
+    """Clip to [0, 1]; the gradient of a clipped value passes where descent leads back inside.
+
+    The plain derivative there is 0: paint that an attack has once made black would stay black.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor) -> Tensor:
+        """Values in [0, 1]."""
+        ctx.save_for_backward(values)
+        return values.clamp(0.0, 1.0)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:  # type: ignore[override]
+        """Drop what would push a clipped value further out: a step goes against the gradient."""
+        (values,) = ctx.saved_tensors
+        outwards = ((values < 0.0) & (gradient > 0.0)) | ((values > 1.0) & (gradient < 0.0))
+        return gradient.masked_fill(outwards, 0.0)
+
+
+def _length(pipeline: Pipeline) -> int:
+    """Tokens that the text encoder reads, start and end included: 77 for CLIP."""
+    return pipeline.tokenizer.model_max_length
 
 
 def _latent_shape(pipeline: Pipeline, size: int | None) -> tuple[int, int, int, int]:

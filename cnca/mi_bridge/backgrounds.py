@@ -22,9 +22,14 @@ from cnca.types import Boxes, LinearImages, LinearTexture
 BACKGROUND_SEED = 0x2545F491
 """Seed of every background, whichever step comes upon it first."""
 
+REFERENCE_SAMPLES = 64
+"""Rays per pixel of the vehicle in the picture that an EFR learns the weather from."""
+
 
 @dataclass(frozen=True)
-class _Background:
+class Background:
+    """One view in one weather, in the plain paint."""
+
     image: Float[torch.Tensor, "3 height width"]
     pixels: Int[np.ndarray, " pixels"]
     """Flat indices of the pixels that the vehicle touches."""
@@ -39,15 +44,15 @@ class KeptBackgrounds:
 
     def __init__(self, renderer: MitsubaRenderer, plain: LinearTexture):
         self.renderer, self.plain = renderer, plain
-        self._kept: dict[tuple[View, Weather], _Background] = {}
+        self._kept: dict[tuple[View, Weather], Background] = {}
+        self._references: dict[tuple[View, Weather], torch.Tensor] = {}
         self._boxes: dict[View, torch.Tensor] = {}
 
     def render(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
     ) -> LinearImages:
         """Exposed linear images (views, 3, height, width), differentiable in ``albedo``."""
-        self._take(views, weather)
-        kept = [self._kept[view, weather] for view in views]
+        kept = [self.background(view, weather) for view in views]
         height, width = kept[0].image.shape[1:]
         pixels = np.concatenate([k * height * width + b.pixels for k, b in enumerate(kept)])
         vehicle = self.renderer.render_pixels(albedo, views, weather, pixels, seed=seed)
@@ -63,10 +68,30 @@ class KeptBackgrounds:
         return torch.stack([self._boxes[view] for view in views])
 
     @torch.no_grad()
-    def _take(self, views: Sequence[View], weather: Weather) -> None:
-        """Render what is not kept yet, each view alone: a resumed loop finds the same noise."""
+    def reference(self, views: Sequence[View], weather: Weather) -> LinearImages:
+        """X_ref: the vehicle in its plain paint, cleanly rendered, over the same backgrounds."""
         for view in views:
-            if (view, weather) not in self._kept:
-                image = self.renderer.render(self.plain, [view], weather, seed=BACKGROUND_SEED)[0]
-                pixels = np.flatnonzero(self.renderer.vehicle_mask([view])[0] > 0)
-                self._kept[view, weather] = _Background(image, pixels)
+            if (view, weather) not in self._references:
+                kept = self.background(view, weather)
+                vehicle = self.renderer.render_pixels(
+                    self.plain,
+                    [view],
+                    weather,
+                    kept.pixels,
+                    seed=BACKGROUND_SEED,
+                    samples=REFERENCE_SAMPLES,
+                )
+                image = kept.image.permute(1, 2, 0).reshape(-1, 3)
+                image = image.index_copy(0, torch.from_numpy(kept.pixels), vehicle)
+                image = image.reshape(*kept.image.shape[1:], 3).permute(2, 0, 1)
+                self._references[view, weather] = image
+        return torch.stack([self._references[view, weather] for view in views])
+
+    @torch.no_grad()
+    def background(self, view: View, weather: Weather) -> Background:
+        """What is kept; else it is rendered, alone: a resumed loop finds the same noise."""
+        if (view, weather) not in self._kept:
+            image = self.renderer.render(self.plain, [view], weather, seed=BACKGROUND_SEED)[0]
+            pixels = np.flatnonzero(self.renderer.vehicle_mask([view])[0] > 0)
+            self._kept[view, weather] = Background(image, pixels)
+        return self._kept[view, weather]

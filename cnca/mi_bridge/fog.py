@@ -9,6 +9,9 @@ I is the diffuse radiance (the sky that came through included), J the source fun
 droplets' albedo, p the phase function, E_s the sun's irradiance above the layer.  A ray of length
 ℓ through the fog then gathers ∫ σ_t exp(−σ_t s) J ds: fog costs a table look-up, not a random walk.
 
+Two simpler models say what that is worth: ``single`` takes only light that was scattered once, and
+``airlight`` (Koschmieder 1924) one J everywhere, the mean of all light that reaches the layer.
+
 Neglected: the vehicle, both the shadow that it casts into the fog and the light that it takes from
 its surroundings.  Its own light, scattered forwards, is :mod:`cnca.mi_bridge.forward`'s.
 """
@@ -47,6 +50,8 @@ class FogField:
     """J without the first scattering of the sun, which the integrator knows in closed form."""
     sun: Float[np.ndarray, "levels 3"]
     """Irradiance of the direct sun that is left at each height."""
+    airlight: Float[np.ndarray, "3"] | None = None
+    """The one J of the model ``airlight``, in which the sun has its part."""
 
 
 def level_heights(height: float, stretch: float) -> Float[np.ndarray, " levels"]:
@@ -66,8 +71,13 @@ def henyey_greenstein(
     return (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
 
 
-def solve_fog(fog: Fog, light: Light, ground_albedo: Float[np.ndarray, "3"]) -> FogField:
+def solve_fog(
+    fog: Fog, light: Light, ground_albedo: Float[np.ndarray, "3"], model: str = "field"
+) -> FogField:
     """Solve the transfer equation with discrete ordinates.
+
+    Args:
+        model: ``field``, or what stands for its solution: ``single`` or ``airlight``.
 
     Raises:
         NonFiniteError: the solution is not finite.
@@ -93,15 +103,26 @@ def solve_fog(fog: Fog, light: Light, ground_albedo: Float[np.ndarray, "3"]) -> 
     def scatter(radiance: np.ndarray) -> np.ndarray:
         return np.einsum("de,lec->ldc", scattering, radiance, optimize=True)
 
-    # Source = scattering of what comes from outside + scattering of what the source itself emits.
-    incoming = layer.radiance(np.zeros(shape), sunlight, sky, ground_sun)
-    meridian = partial(_Layer, fog.extinction, heights, directions[::COLUMNS], weights[::COLUMNS])
-    source = _scattered_again(scatter(incoming), scattering, meridian, ground_albedo)
-    radiance = incoming + layer.radiance(source)
+    airlight = None
+    if model == "airlight":
+        airlight = fog.albedo * _mean_light(light)
+        source = np.broadcast_to(airlight, shape)
+        radiance = layer.radiance(source, None, sky, ground_sun)
+    elif model == "single":
+        source = scatter(layer.radiance(np.zeros(shape), None, sky, ground_sun))
+        radiance = layer.radiance(source, sunlight, sky, ground_sun)
+    else:
+        # Source = scattering of what comes from outside + of what the source itself emits.
+        incoming = layer.radiance(np.zeros(shape), sunlight, sky, ground_sun)
+        meridian = partial(
+            _Layer, fog.extinction, heights, directions[::COLUMNS], weights[::COLUMNS]
+        )
+        source = _scattered_again(scatter(incoming), scattering, meridian, ground_albedo)
+        radiance = incoming + layer.radiance(source)
     if not (np.isfinite(source).all() and np.isfinite(radiance).all()):
         raise NonFiniteError(f"fog field has no finite solution for {fog}")
     grid = (LEVELS, ROWS, COLUMNS, 3)
-    return FogField(heights, stretch, radiance.reshape(grid), source.reshape(grid), sun)
+    return FogField(heights, stretch, radiance.reshape(grid), source.reshape(grid), sun, airlight)
 
 
 class _Layer:
@@ -225,6 +246,12 @@ def _phase_matrix(
     for _ in range(50):  # symmetric Sinkhorn scaling: rows and columns both integrate to one
         scale /= np.sqrt(scale * (phase @ (scale * weights)))
     return scale[:, None] * phase * (scale * weights)[None, :]
+
+
+def _mean_light(light: Light) -> Float[np.ndarray, "3"]:
+    """Mean radiance over all directions of what reaches the layer, the sun's included."""
+    solid_angles = sky_solid_angles(*light.sky.shape[:2])[..., None]
+    return ((light.sky * solid_angles).sum(axis=(0, 1)) + light.sun_irradiance) / (4 * np.pi)
 
 
 def _downsample(sky: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "rows columns 3"]:

@@ -69,6 +69,7 @@ class Geometry:
         self.scene = mi.load_dict({"type": "scene", "ground": self.ground, **shapes})
         self._texture = mi.traverse(texture)
         self._vehicle_shapes = meshes[: len(vehicle.parts)]
+        self._paint = bsdfs["paint"]
 
     def local(self, view: View) -> View:
         """The view in this scene's axes, which start in the vehicle's middle on the ground."""
@@ -103,6 +104,10 @@ class Geometry:
         for shape in self._vehicle_shapes:
             found |= si.shape == mi.ShapePtr(shape)
         return si.is_valid() & found
+
+    def is_painted(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
+        """Which intersections wear the texture."""
+        return si.is_valid() & (si.bsdf() == mi.BSDFPtr(self._paint))
 
 
 def _bsdf(material: Material, texture: mi.Texture | None, model: str) -> mi.BSDF:

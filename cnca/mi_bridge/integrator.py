@@ -50,16 +50,23 @@ class Sky:
     """Sun and sky above the fog."""
 
     def __init__(self, light: Light, *, has_map: bool = True, sun_disc: bool = False):
-        """Without a map the sky is black; a sun that is a disc casts shadows with soft edges."""
-        self.has_map, self._sun_disc = has_map, sun_disc
+        """Without a map the sky is black; a sun that is a disc casts shadows with soft edges.
+
+        Below the horizon lies lit, endless ground either way.
+        """
+        self.light, self.has_map, self._sun_disc = light, has_map, sun_disc
         self.sun_direction = _opaque_vector(light.sun_direction)
         self.sun_irradiance = _opaque_vector(light.sun_irradiance)
         self.has_sun = bool(light.sun_irradiance.max() > 0)
         self._columns = light.sky.shape[1]
-        self._map = mi.Texture2f(_wrap_columns(light.sky), wrap_mode=dr.WrapMode.Clamp)
+        self._ground = _opaque_vector(light.sky[-1, 0])
+        if has_map:
+            self._map = mi.Texture2f(_wrap_columns(light.sky), wrap_mode=dr.WrapMode.Clamp)
 
     def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """Radiance that arrives from direction ``d``, without the sun's disc."""
+        if not self.has_map:
+            return dr.select(d.z < 0, mi.Color3f(self._ground), 0)
         return mi.Color3f(self._map.eval(_direction_uv(d, self._columns), active))
 
     def to_sun(self, sampler: mi.Sampler, active: mi.Bool) -> mi.Vector3f:
@@ -75,7 +82,10 @@ class FogLayer:
     """Closed-form transmittance through the layer, and the light that it adds to a ray."""
 
     def __init__(self, fog: Fog, field: FogField, sky: Sky, forward: ForwardShare | None = None):
-        """Without ``forward`` the fog in front of the vehicle scatters as over bare ground."""
+        """Without ``forward`` the fog in front of the vehicle scatters as over bare ground.
+
+        A field of one airlight is not looked up.
+        """
         self.sigma_t = _opaque_float(fog.extinction)
         self.height = _opaque_float(fog.height)
         self.albedo = _opaque_float(fog.albedo)
@@ -88,6 +98,9 @@ class FogLayer:
         dr.make_opaque(self.inv_mu_sun)
         self.forward = forward
         self.covers = forward is not None and fog.height > forward.top
+        self._airlight = None if field.airlight is None else _opaque_vector(field.airlight)
+        if self._airlight is not None:
+            return
         self._levels, _, self._columns, _ = field.source.shape
         table = field.source
         if forward is not None:
@@ -145,14 +158,18 @@ class FogLayer:
         self, z: mi.Float, d: mi.Vector3f, active: mi.Bool
     ) -> tuple[mi.Color3f, mi.Color3f]:
         """J and I at height ``z`` seen along ``d`` (I is 0 where no forward share asks for it)."""
+        if self._airlight is not None:
+            return mi.Color3f(self._airlight), mi.Color3f(0)
         uv = _direction_uv(d, self._columns)
         # The inverse of fog.level_heights.
         t = dr.atanh((2 * z / self.height - 1) * self.tanh_stretch) / self.stretch
         level = (1 + t) / 2
         w = (level * (self._levels - 1) + 0.5) / self._levels
         values = self._table.eval(mi.Point3f(uv.x, uv.y, w), active)
-        g, cosine = self.asymmetry, dr.dot(d, self.sky.sun_direction)
-        spread = dr.fmax(1 + g * g - 2 * g * cosine, 1e-8)
+        g, to_sun = self.asymmetry, self.sky.sun_direction
+        # 1 + g² − 2g cos without the difference of nearly equal numbers where the lobe is narrow.
+        apart = dr.squared_norm(d - dr.sign(g) * to_sun)
+        spread = dr.square(1 - dr.abs(g)) + dr.abs(g) * apart
         phase = (1 - g * g) * dr.inv_four_pi / (spread * dr.sqrt(spread))
         sun = self.albedo * phase * self.sun_transmittance(z)
         J = mi.Color3f(*values[:3]) + sun * mi.Color3f(self.sky.sun_irradiance)
@@ -211,8 +228,7 @@ def trace(
             T, airlight = fog.segment(ray, si, sampler.next_1d(active), active)  # type: ignore[union-attr]
             Le += β * airlight
             β *= T
-        if dr.hint(sky.has_map, mode="scalar"):
-            Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
+        Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
 
         # ---------------- light of the sun at the surface ----------------
         active_next = hit & (depth < bounces)

@@ -86,7 +86,7 @@ class MitsubaRenderer:
 
         self._forward_share = lru_cache(ForwardShare)
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
-        self._texture_size = texture_size
+        self.texture_size = texture_size
         texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
         self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props)
         self._materials = "coat" if self._coat > 0 else "principled"
@@ -112,9 +112,13 @@ class MitsubaRenderer:
         pixels: Int[np.ndarray, " pixels"],
         *,
         seed: int,
+        samples: int | None = None,
     ) -> Float[torch.Tensor, "pixels 3"]:
-        """Like :meth:`render`, but only these pixels, counted over views, rows and columns."""
-        return self._expose(albedo, views, weather, pixels, seed)
+        """Like :meth:`render`, but only these pixels, counted over views, rows and columns.
+
+        ``samples`` are rays per pixel in place of those that the plan takes.
+        """
+        return self._expose(albedo, views, weather, pixels, seed, samples)
 
     def _expose(
         self,
@@ -123,34 +127,47 @@ class MitsubaRenderer:
         weather: Weather,
         pixels: Int[np.ndarray, " pixels"] | None,
         seed: int,
+        samples: int | None = None,
     ) -> Float[torch.Tensor, "*film 3"]:
-        _refuse_bad_texture(albedo.detach(), self._texture_size)
-        chosen = self.plan(albedo, views, weather)
+        refuse_bad_texture(albedo.detach(), self.texture_size)
+        chosen = self.plan(albedo, views, weather, samples=samples)
         if chosen["gradient"] == "off":
             albedo = albedo.detach()
-        self._wear(chosen["materials"])
-        cameras = self._cameras(views, pixels)
-        atmosphere = self._atmosphere(chosen.weather, chosen["sun"])
-        make_shot = partial(
-            Shot,
-            self.geometry,
-            atmosphere.surroundings,
-            cameras,
-            bounces=chosen.bounces,
-            seed=seed,
-            exposure=atmosphere.exposure * self.exposure,
-        )
+        shots = self.shots(chosen, views, pixels, seed=seed)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
-        part = max(MOST_RAYS // cameras.lanes(1), 1)
-        parts = [
-            render(texture, make_shot(samples=samples, first=first)) * samples
-            for first in range(0, chosen.samples, part)
-            for samples in [min(part, chosen.samples - first)]
-        ]
+        parts = [render(texture, shot) * shot.samples for shot in shots]
         images = torch.stack(parts).sum(dim=0) / chosen.samples
-        refuse_non_finite(images, texture, cameras, weather, seed)
+        refuse_non_finite(images, texture, shots[0].cameras, weather, seed)
         return images
+
+    def shots(
+        self,
+        chosen: EffectPlan,
+        views: Sequence[View],
+        pixels: Int[np.ndarray, " pixels"] | None,
+        *,
+        seed: int,
+        most_rays: int | None = None,
+    ) -> list[Shot]:
+        """The parts that a picture of these views, or of these pixels of them, is rendered in."""
+        self._wear(chosen["materials"])
+        cameras = self._cameras(views, pixels)
+        atmosphere = self._atmosphere(chosen.weather, chosen["sun"], chosen["fog"])
+        part = max((most_rays or MOST_RAYS) // cameras.lanes(1), 1)
+        return [
+            Shot(
+                self.geometry,
+                atmosphere.surroundings,
+                cameras,
+                samples=min(part, chosen.samples - first),
+                bounces=chosen.bounces,
+                seed=seed,
+                exposure=atmosphere.exposure * self.exposure,
+                first=first,
+            )
+            for first in range(0, chosen.samples, part)
+        ]
 
     def layers(self, views: Sequence[View]) -> Layers:
         """What each view's camera hits first; independent of texture and weather."""
@@ -170,8 +187,15 @@ class MitsubaRenderer:
             refuse_inside(self.geometry, self.geometry.local(view))
         return mask_boxes(self.vehicle_mask(views), views)
 
-    def plan(self, albedo: LinearTexture, views: Sequence[View], weather: Weather) -> EffectPlan:
-        """Which model stands for each effect in these pictures."""
+    def plan(
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        *,
+        samples: int | None = None,
+    ) -> EffectPlan:
+        """Which model stands for each effect in these pictures; ``samples`` overrule its own."""
         subject = Subject(
             weather,
             ground=float(self.ground_albedo.mean()),
@@ -180,7 +204,8 @@ class MitsubaRenderer:
             coat=self._coat,
             pixels_per_metre=min(_pixels_per_metre(self.geometry.local(view)) for view in views),
         )
-        return plan(subject, self.demand)
+        forced = dict(self.demand.forced) | ({"samples": str(samples)} if samples else {})
+        return plan(subject, replace(self.demand, forced=forced))
 
     def _cameras(
         self, views: Sequence[View], pixels: Int[np.ndarray, " pixels"] | None = None
@@ -194,19 +219,20 @@ class MitsubaRenderer:
             self._forward_share.cache_clear()
             self._materials, self.geometry = materials, self._build(materials)
 
-    def _make_atmosphere(self, weather: Weather, sun: str) -> _Atmosphere:
+    def _make_atmosphere(self, weather: Weather, sun: str, fog_model: str) -> _Atmosphere:
         light = make_light(weather, self.ground_albedo)
         above = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
         # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
         light = light.scaled(1 / above if above > 0 else 1.0)
-        has_map = weather.sky_scale > 0 or above == 0  # something must be there to trace
-        sky = Sky(light, has_map=has_map, sun_disc=sun == "disc")
+        sky = Sky(light, has_map=weather.sky_scale > 0, sun_disc=sun == "disc")
         fog = weather.fog
         if fog is None or fog.height == 0:
             return _Atmosphere(Surroundings(sky, None), exposure=1.0)
-        field = solve_fog(fog, light, self.ground_albedo)
+        field = solve_fog(fog, light, self.ground_albedo, fog_model)
         white = lambertian_white(*_at_height(field, 1.0), light.sun_direction)
-        forward = self._forward_share(self.geometry, fog.asymmetry)
+        forward = None
+        if fog_model == "field":
+            forward = self._forward_share(self.geometry, fog.asymmetry)
         layer = FogLayer(fog, field, sky, forward)
         return _Atmosphere(Surroundings(sky, layer), exposure=1 / max(white, DARKEST))
 
@@ -234,7 +260,8 @@ def _at_height(
     return field.radiance[level], field.sun[level]
 
 
-def _refuse_bad_texture(albedo: torch.Tensor, size: int) -> None:
+def refuse_bad_texture(albedo: torch.Tensor, size: int) -> None:
+    """Raise TextureError for another shape than (3, size, size), NaN, or values off [0, 1]."""
     if tuple(albedo.shape) != (3, size, size):
         raise TextureError(
             f"texture of shape {tuple(albedo.shape)}: the renderer takes (3, {size}, {size})"

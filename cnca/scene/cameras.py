@@ -49,3 +49,14 @@ def orbit_view(
     up = (0.0, 0.0, 1.0) if abs(elevation) < 89.9 else (1.0, 0.0, 0.0)
     label = name or f"azimuth{azimuth:g}_elevation{elevation:g}_distance{distance:g}"
     return View(label, origin, target, up, fov, width, height)  # type: ignore[arg-type]
+
+
+def orbit_of(view: View, target: Vector = (0.0, 0.0, 0.7)) -> tuple[float, float, float]:
+    """Azimuth in [0, 360), elevation (degrees) and distance (metres) of the camera from ``target``.
+
+    The inverse of :func:`orbit_view`, and as well defined for cameras that look elsewhere.
+    """
+    x, y, z = (o - t for o, t in zip(view.origin, target, strict=True))
+    distance = math.hypot(x, y, z)
+    elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
+    return math.degrees(math.atan2(y, x)) % 360, elevation, distance

@@ -16,7 +16,7 @@ from cnca.scene.prices import Prices, Subject, shipped_prices
 from cnca.scene.weather import Weather
 
 LADDERS = {
-    "fog": ("none", "field"),
+    "fog": ("none", "airlight", "single", "field"),
     "sun": ("off", "direction", "disc"),
     "sky": ("off", "map"),
     "interreflection": ("1", "2", "3", "4", "8"),
@@ -30,6 +30,11 @@ NUMBERS = {"interreflection": 64, "samples": 65536}
 USUAL = {"sun": "direction", "interreflection": "2", "samples": "16"}
 """Models without a target error; other effects take their best."""
 REFERENCE_SAMPLES = "1024"
+FOG_LIGHT = {
+    "airlight": "one colour instead of what droplets scatter",
+    "single": "light that droplets scatter once",
+    "field": "solved once, then looked up",
+}
 Row = dict[str, str | float]
 MOST_SAMPLES = 4096
 """Rays per pixel beyond which a target error counts as out of reach."""
@@ -80,7 +85,7 @@ class EffectPlan:
         weather = self.subject.weather
         return replace(
             weather,
-            fog=weather.fog if self["fog"] == "field" else None,
+            fog=None if self["fog"] == "none" else weather.fog,
             sun_scale=0.0 if self["sun"] == "off" else weather.sun_scale,
             sky_scale=0.0 if self["sky"] == "off" else weather.sky_scale,
         )
@@ -151,7 +156,7 @@ def _cheapest(
 ) -> dict[str, str]:
     """Models and samples; where the target is out of reach, those with the smallest error."""
     options = {
-        effect: (forced[effect],) if effect in forced else _candidates(effect, subject)
+        effect: (forced[effect],) if effect in forced else _candidates(effect, subject, prices)
         for effect in ("fog", "sun", "interreflection", "materials")
     }
 
@@ -174,10 +179,10 @@ def _glints(models: Mapping[str, str]) -> bool:
     return (models["sun"], models["materials"]) == ("direction", "coat")
 
 
-def _candidates(effect: str, subject: Subject) -> tuple[str, ...]:
-    """What may be chosen: a sun that shines is never put out, for the fog's light is also its."""
-    models = _present(effect, subject)
-    return models[1:] if effect == "sun" and len(models) > 1 else models
+def _candidates(effect: str, subject: Subject, prices: Prices) -> list[str]:
+    """The best model and those whose error was measured; none was with a sun that is put out."""
+    *lower, best = _present(effect, subject)
+    return [*(model for model in lower if f"{effect}={model}" in prices.errors), best]
 
 
 def predicted_error(models: Mapping[str, str], subject: Subject, prices: Prices) -> float:
@@ -211,6 +216,9 @@ def explain(plan: EffectPlan, prices: Prices | None = None) -> list[Row]:
         if effect == "samples":
             error, seconds = prices.noise_of(plan.samples, plan.subject), prices.seconds["rays"]
         why = _why(effect, plan, error)
+        has_error = effect not in ("gradient", "samples")
+        if has_error and model not in _candidates(effect, plan.subject, prices):
+            why += "; its error was never measured and is not counted"
         share = round(seconds / total, 4)
         rows.append(_row(effect, model, why, error, share))
     error, target = predicted_error(plan.models, plan.subject, prices), plan.demand.target_error
@@ -240,7 +248,7 @@ def _why(effect: str, plan: EffectPlan, error: float) -> str:
             return "the layer has no height"
         if model == "none":
             return f"{layer}: takes at most {plan.subject.fog_share:.2%} of the light"
-        return f"{layer}: solved once, then looked up"
+        return f"{layer}: {FOG_LIGHT[model]}"
     if effect == "sun":
         place = f"altitude {weather.sun_altitude:g}°, scale {weather.sun_scale:g}"
         if model == "off":

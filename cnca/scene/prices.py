@@ -95,6 +95,8 @@ class Subject:
         """Closed form of how much ``"effect=model"`` can change; 1 where there is none."""
         forms = {
             "fog=none": self.fog_share,
+            "fog=airlight": self.fog_share,
+            "fog=single": self.fog_share,
             "sun=direction": float(self.has_sun),
             "materials=principled": self.coat,
         }

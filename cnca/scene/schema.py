@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from cnca.errors import SceneError, did_you_mean
 from cnca.scene.materials import MATERIALS
-from cnca.scene.weather import Fog, Weather
+from cnca.scene.weather import MOST_ASYMMETRY, Fog, Weather
 
 
 def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
@@ -31,7 +31,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Coordinate = Annotated[float, Field(allow_inf_nan=False)]
 FieldOfView = Annotated[float, Field(gt=0, lt=180)]
-Asymmetry = Annotated[float, Field(gt=-1, lt=1)]
+Asymmetry = Annotated[float, Field(ge=-MOST_ASYMMETRY, le=MOST_ASYMMETRY)]
 
 
 class Section(BaseModel):

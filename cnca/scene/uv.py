@@ -5,12 +5,26 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from jaxtyping import Bool
+from scipy.ndimage import distance_transform_edt
 
 from cnca.errors import MeshError
 from cnca.scene.mesh import Vehicle
 
 SUBTEXEL_BITS = 4
 """Fixed-point precision with which the triangles' corners are drawn."""
+
+
+def pad_mask(
+    mask: Bool[np.ndarray, "size size"], vehicle: Vehicle, padding: int
+) -> Bool[np.ndarray, "size size"]:
+    """Let a square mask reach ``padding`` texels beyond the charts, into texels of no chart.
+
+    Filtering at a chart's border then reads paint where the chart is paint.  Texels of other
+    charts keep what the mask says.
+    """
+    used = paint_mask(vehicle, len(mask), padding=0)
+    distance, nearest = distance_transform_edt(~used, return_indices=True)
+    return np.where(distance <= padding, mask[tuple(nearest)], mask)
 
 
 def paint_mask(vehicle: Vehicle, size: int, padding: int = 2) -> Bool[np.ndarray, "size size"]:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 KOSCHMIEDER = 3.912
 """−ln 0.02: visibility is the distance at which contrast falls to 2 % (Koschmieder 1924)."""
 
+MOST_ASYMMETRY = 0.9999
+"""Largest |g|: a lobe of 0.01°, far below the sun's disc; float32 cannot tell 1 − g from 0 at 1."""
+
 
 @dataclass(frozen=True)
 class Fog:
@@ -19,7 +22,7 @@ class Fog:
     albedo: float = 0.99
     """Single-scattering albedo of the droplets in [0, 1]."""
     asymmetry: float = 0.85
-    """Mean cosine g of Henyey–Greenstein scattering in (−1, 1)."""
+    """Mean cosine g of Henyey–Greenstein scattering, |g| ≤ :data:`MOST_ASYMMETRY`."""
 
     @property
     def extinction(self) -> float:

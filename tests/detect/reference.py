@@ -45,7 +45,7 @@ def convolution(x, options, stream):
     padded = np.pad(x, ((0, 0), (pad, pad), (pad, pad)))
     windows = sliding_window_view(padded, (size, size), axis=(1, 2))[:, ::stride, ::stride]
     parts = zip(np.split(windows, groups), np.split(weights, groups), strict=True)
-    y = np.concatenate([np.einsum("cyxij,fcij->fyx", *part) for part in parts])
+    y = np.concatenate([np.einsum("cyxij,fcij->fyx", *part, optimize=True) for part in parts])
     column = [np.reshape(v, (-1, 1, 1)) for v in (mean, variance, scale, bias)]
     y = (y - column[0]) / np.sqrt(column[1] + 1e-5) * column[2] + column[3]
     return activate(y, options["activation"])

@@ -14,7 +14,7 @@ from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Darknet
 from cnca.detect.dataset import LabelledPictures
 from cnca.detect.measure import measure
-from cnca.detect.train import LEARNING_RATE, Settings, learning_rate, train_detector
+from cnca.detect.train import Settings, rate_factor, train_detector
 from cnca.detect.white_box import DarknetDetector
 from cnca.detect.yolo_loss import Targets, ciou, yolo_loss
 from cnca.errors import DetectorError, RunError
@@ -52,6 +52,48 @@ def template(tmp_path_factory):
     path = tmp_path_factory.mktemp("template") / "small.cfg"
     body = "".join(LAYER.format(*pair) for pair in [(16, 2), (32, 2), (48, 2), (64, 1), (64, 2)])
     path.write_text(SMALL.format(body=body))
+    return path
+
+
+TRANSFORMER = {
+    "model_type": "rt_detr",
+    "backbone_config": {
+        "model_type": "rt_detr_resnet",
+        "embedding_size": 8,
+        "hidden_sizes": [8, 16, 24, 32],
+        "depths": [1, 1, 1, 1],
+        "layer_type": "basic",
+        "out_indices": [2, 3, 4],
+    },
+    "freeze_backbone_batch_norms": False,
+    "encoder_in_channels": [16, 24, 32],
+    "encoder_hidden_dim": 16,
+    "encoder_ffn_dim": 32,
+    "encoder_attention_heads": 2,
+    "d_model": 16,
+    "decoder_in_channels": [16, 16, 16],
+    "decoder_ffn_dim": 32,
+    "decoder_attention_heads": 2,
+    "decoder_layers": 2,
+    "num_queries": 8,
+    "num_denoising": 8,
+}
+
+
+@pytest.fixture(scope="module", params=["anchor-free", "transformer"])
+def other_template(request, template, tmp_path_factory):
+    """The other kinds that can be trained, as small as the first."""
+    folder = tmp_path_factory.mktemp("others")
+    if request.param == "anchor-free":
+        text = template.read_text().replace("filters=12\n", "filters=5\n")
+        path = folder / "free.cfg"
+        path.write_text(text[: text.index("[yolo]")] + "[anchor_free]\nclasses=1\n")
+        return path
+    path = folder / "transformer"
+    path.mkdir()
+    (path / "config.json").write_text(json.dumps(TRANSFORMER))
+    preparation = {"do_normalize": False, "size": {"height": 64, "width": 64}}
+    (path / "preprocessor_config.json").write_text(json.dumps(preparation))
     return path
 
 
@@ -95,15 +137,15 @@ class TestTraining:
             train_detector(shapes, trained, other, template=template, resume=True)
 
 
+def interrupt(message):
+    if message.startswith("epoch 1"):
+        raise KeyboardInterrupt
+
+
 def test_interrupted_training_ends_like_an_uninterrupted_one(shapes, template, tmp_path):
     settings = Settings(epochs=2, batch=16)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     train_detector(shapes, whole, settings, template=template)
-
-    def interrupt(message):
-        if message.startswith("epoch 1"):
-            raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
         train_detector(shapes, parts, settings, template=template, log=interrupt)
     assert not (parts / "small.safetensors").exists()
@@ -111,12 +153,38 @@ def test_interrupted_training_ends_like_an_uninterrupted_one(shapes, template, t
     assert (whole / "small.safetensors").read_bytes() == (parts / "small.safetensors").read_bytes()
 
 
+class TestOtherKinds:
+    """Anchor-free networks and transformers go through the same loop (see test_builtin.py)."""
+
+    def test_saved_is_what_was_trained(self, shapes, other_template, tmp_path):
+        settings = Settings(epochs=1, batch=16)
+        report = train_detector(shapes, tmp_path, settings, template=other_template)
+        is_file = other_template.suffix == ".cfg"
+        detector = load_detector(str(tmp_path / other_template.name if is_file else tmp_path))
+        assert detector.class_names == ("rectangle",)
+        assert detector.differentiable
+        assert measure(detector, LabelledPictures(shapes)) == report["test"]
+        assert json.loads((tmp_path / f"{other_template.stem}.json").read_text()) == report
+
+    def test_interrupted_training(self, shapes, other_template, tmp_path):
+        settings = Settings(epochs=2, batch=16)
+        results = []
+        for name, stops in (("whole", False), ("parts", True)):
+            out = tmp_path / name
+            if stops:
+                with pytest.raises(KeyboardInterrupt):
+                    train_detector(shapes, out, settings, template=other_template, log=interrupt)
+            train_detector(shapes, out, settings, template=other_template, resume=stops)
+            results.append(next(out.glob("*.safetensors")).read_bytes())
+        assert results[0] == results[1]
+
+
 def test_time_limit_ends_training_with_a_rate_of_zero(shapes, template, tmp_path):
     settings = Settings(epochs=1000, minutes=0.02, batch=16)
     report = train_detector(shapes, tmp_path, settings, template=template)
     assert report["epochs"] < 100
-    assert learning_rate(1.0) == pytest.approx(0, abs=1e-12)
-    assert learning_rate(0.05) == pytest.approx(LEARNING_RATE)
+    assert rate_factor(1.0) == pytest.approx(0, abs=1e-12)
+    assert rate_factor(0.05) == pytest.approx(1)
 
 
 class TestLoss:

@@ -21,15 +21,31 @@ def test_is_a_residual():
 
 def test_learns_a_tint():
     torch.manual_seed(0)
-    efr, images = EnvironmentFeatureRenderer((4, 8)), pictures(0)
+    efr, images, reference = EnvironmentFeatureRenderer((4, 8)), pictures(0), pictures(1)
     truth = images * 0.5
     optimizer = torch.optim.Adam(efr.parameters(), lr=0.02)
     for _ in range(60):
         optimizer.zero_grad()
-        (efr(images, images) - truth).abs().mean().backward()
+        (efr(images, reference) - truth).abs().mean().backward()
         optimizer.step()
     before = (images - truth).abs().mean()
-    assert (efr(images, images) - truth).abs().mean() < 0.2 * before
+    assert (efr(images, reference) - truth).abs().mean() < 0.2 * before
+
+
+def test_what_both_pictures_share_stays_as_it_is():
+    """The background, and what the network sees is only the rest's part of the picture."""
+    efr, images = EnvironmentFeatureRenderer(), pictures(0)
+    torch.nn.init.normal_(efr.maps.weight)
+    reference, changed = images.clone(), torch.zeros(2, 1, 37, 50, dtype=torch.bool)
+    changed[0, :, 10:21, 5:30] = changed[1, :, 12:25, 8:33] = True
+    reference = torch.where(changed, reference + 0.1, reference)
+    corrected = efr(images, reference)
+    different = (corrected != images).any(dim=1, keepdim=True)
+    assert not different[~changed].any()
+    assert different[changed].float().mean() > 0.9
+    small = (..., slice(10, 25), slice(5, 33))
+    assert torch.allclose(efr(images[small], reference[small]), corrected[small])
+    assert torch.equal(efr(images, images), images)
 
 
 def test_saved_weights_come_back(tmp_path):

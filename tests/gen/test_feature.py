@@ -5,7 +5,7 @@ import torch
 from safetensors.torch import save_file
 
 from cnca.errors import GeneratorError
-from cnca.gen.feature import StoredFeature, initial, project
+from cnca.gen.feature import StoredFeature, check_kind, default_tokens, initial, project
 
 
 def test_projection_is_the_nearest_point_of_the_box():
@@ -47,14 +47,25 @@ def test_initial_values():
     assert 0.09 < one.std() < 0.11
 
 
+@pytest.mark.parametrize("kind", ["concat", "replace"])
 @pytest.mark.parametrize("tau", [0.5, math.inf])
-def test_a_stored_feature_comes_back(tmp_path, tau):
-    stored = StoredFeature(torch.randn(8, 128), "yellow black graffiti, « grün »", tau)
+def test_a_stored_feature_comes_back(tmp_path, tau, kind):
+    stored = StoredFeature(torch.randn(8, 128), "yellow black graffiti, « grün »", tau, kind)
     stored.save(tmp_path / "feature.safetensors")
     back = StoredFeature.load(tmp_path / "feature.safetensors")
     assert torch.equal(back.feature, stored.feature)
-    assert (back.prompt, back.tau) == (stored.prompt, stored.tau)
+    assert (back.prompt, back.tau, back.kind) == (stored.prompt, stored.tau, kind)
     assert [file.name for file in tmp_path.iterdir()] == ["feature.safetensors"]
+
+
+def test_default_tokens_follow_the_text():
+    assert (default_tokens("concat", 77), default_tokens("replace", 77)) == (77, 40)
+    assert (default_tokens("concat", 8), default_tokens("replace", 8)) == (8, 4)
+
+
+def test_unknown_kinds_are_refused():
+    with pytest.raises(GeneratorError, match="feature 'concatt': unknown.*did you mean 'concat'"):
+        check_kind("concatt")
 
 
 def test_other_files_are_refused_in_one_line(tmp_path):

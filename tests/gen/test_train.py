@@ -34,24 +34,18 @@ def test_the_corpus_is_painted_once_and_its_pictures_do_not_depend_on_the_count(
     assert next(tmp_path.glob("pictures-2-3.npy")).stat().st_mtime_ns == written
 
 
-def test_image_prompts_lie_in_the_box_and_are_often_silent():
-    generator = torch.Generator().manual_seed(0)
-    tokens = ImagePrompt()(torch.randn(400, 4, 32, 32, generator=generator), generator)
+def test_image_prompts_lie_in_the_box():
+    tokens = ImagePrompt()(torch.randn(400, 4, 32, 32, generator=torch.Generator().manual_seed(0)))
+    assert tokens.shape == (400, 77, architecture.TEXT_WIDTH)
     assert tokens.abs().max() <= 1.0
-    silent = (tokens == 0).flatten(1).all(dim=1).float().mean()
-    assert 0.4 < silent < 0.6
 
 
-def test_each_token_describes_a_cell_of_the_picture(monkeypatch):
-    monkeypatch.setattr("cnca.gen.denoiser.SILENT", -1.0)
+def test_each_token_describes_a_cell_of_the_picture():
     rows, columns = GRID
-    latents = torch.zeros(64, 4, 2 * rows, 2 * columns)
+    latents = torch.zeros(1, 4, 2 * rows, 2 * columns)
     latents[:, :, 4:6, 6:8] = 1.0  # row 2, column 3
-    tokens = ImagePrompt()(latents, torch.Generator().manual_seed(0))
-    heard = (tokens != 0).any(dim=2)
-    assert heard[:, 2 * columns + 3].any()
-    heard[:, 2 * columns + 3] = False
-    assert not heard.any()
+    heard = (ImagePrompt()(latents) != 0).any(dim=2)[0]
+    assert heard.nonzero().flatten().tolist() == [2 * columns + 3]
 
 
 def test_position_channels_tell_right_from_left_and_down_from_up():
@@ -75,7 +69,7 @@ def test_the_decoder_disregards_position_channels():
 
 
 def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
-    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1), "batch": 2}
+    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1, 1), "batch": 2}
     folder = train_generator(tmp_path, seed=1, **options)
     generator = DiffusionTextureGenerator.load(folder, steps=1)
     assert generator.feature_shape == (77, 128)

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
+from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.light import SKY_COLUMNS, SKY_ROWS, Light
+from cnca.mi_bridge.lookups import LookupRenderer
+from cnca.mi_bridge.raster import PlainShading
 from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.shading_cache import TracedShading
+from cnca.protocols import Renderer
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.mesh import Vehicle
 from cnca.scene.props import box
@@ -23,6 +29,17 @@ def vehicle() -> Vehicle:
 @pytest.fixture(scope="session")
 def renderer(vehicle) -> MitsubaRenderer:
     return MitsubaRenderer(vehicle, texture_size=8, samples=64)
+
+
+@pytest.fixture(scope="session", params=["mitsuba", "raster", "cached"])
+def backend(request, renderer) -> Renderer:
+    """Every renderer that keeps the contract."""
+    kept = KeptBackgrounds(renderer, torch.full((3, 8, 8), 0.4))
+    if request.param == "raster":
+        return LookupRenderer(kept, PlainShading(kept))
+    if request.param == "cached":
+        return LookupRenderer(kept, TracedShading(kept, samples=64))
+    return renderer
 
 
 def orbit(azimuth: float = 35.0, elevation: float = 15.0, distance: float = 7.0, **more) -> View:

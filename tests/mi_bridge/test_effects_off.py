@@ -64,6 +64,13 @@ def test_clear_air_holds_no_fog_code(kernels):
     assert len(code(clear)) < len(code(fog))
 
 
+def test_simpler_fog_has_smaller_kernels(kernels):
+    """One airlight is not looked up; only the whole field knows what the vehicle scatters."""
+    models = ("none", "airlight", "single", "field")
+    counts = [kernels(FOGGY, fog=model)[0]["operation_count"] for model in models]
+    assert counts == sorted(set(counts))
+
+
 def test_without_sun_no_shadow_ray_is_traced(kernels):
     (sunny,), (dusk,), (off,) = kernels(SUNNY), kernels(DUSK), kernels(SUNNY, sun="off")
     assert (rays(sunny), rays(dusk)) == (2, 1)

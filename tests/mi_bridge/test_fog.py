@@ -160,3 +160,41 @@ def test_levels_fill_the_layer_and_are_densest_at_its_ends(stretch):
     assert (steps > 0).all()
     assert steps[0] == pytest.approx(steps.min())
     assert steps[0] == pytest.approx(steps[-1])
+
+
+@pytest.mark.parametrize("altitude", [40, -5])
+def test_droplets_that_hardly_scatter_scatter_once(altitude):
+    """``single`` lacks what the field has at order ϖ², and is linear in ϖ."""
+    light = make_light(Weather(sun_altitude=altitude), GROUND)
+
+    def solved(albedo: float, model: str) -> FogField:
+        return solve_fog(Fog(60, height=60, albedo=albedo), light, GROUND, model)
+
+    field, single = (solved(1e-3, model) for model in ("field", "single"))
+    # What is scattered twice: less than ϖ of what comes in, sun included.
+    bound = 1e-3 * 1e-3 * (light.sky.max() + light.sun_irradiance.max())
+    np.testing.assert_allclose(single.source, field.source, rtol=0.01, atol=bound)
+    np.testing.assert_allclose(single.radiance, field.radiance, rtol=0.01, atol=bound)
+    np.testing.assert_allclose(solved(0.5, "single").source, 500 * single.source, rtol=1e-9)
+    assert single.source.max() > 10 * bound, "once is far more than twice"
+
+
+def test_what_is_scattered_more_than_once_is_light_that_single_lacks():
+    light = make_light(Weather(sun_altitude=40), GROUND)
+    field, single = (solve_fog(Fog(60, 60), light, GROUND, m) for m in ("field", "single"))
+    assert (field.source > single.source).all()
+    assert field.source.mean() > 2 * single.source.mean()
+
+
+def test_airlight_is_koschmieders_law():
+    """I = T · sky + (1 − T) · A downwards; A is the mean light, of a furnace its radiance."""
+    fog = Fog(visibility=100, height=50, albedo=0.8)
+    furnace = solve_fog(fog, uniform_light(2.0), np.ones(3), "airlight")
+    np.testing.assert_allclose(furnace.airlight, 0.8 * 2.0, rtol=1e-6)
+    transmittance = np.exp(-fog.extinction * fog.height / DIRECTIONS[: ROWS // 2, :, 2])[..., None]
+    expected = 2.0 * transmittance + 1.6 * (1 - transmittance)
+    expected = np.broadcast_to(expected, furnace.radiance[0, : ROWS // 2].shape)
+    np.testing.assert_allclose(furnace.radiance[0, : ROWS // 2], expected, rtol=1e-6)
+    sunlit = Light(np.array([0.6, 0.0, 0.8]), np.array([4 * np.pi, 0, 0]), np.zeros((128, 256, 3)))
+    airlight = solve_fog(fog, sunlit, np.zeros(3), "airlight").airlight
+    np.testing.assert_allclose(airlight, [0.8, 0, 0])

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from cnca.mi_bridge.fog import henyey_greenstein, solve_fog
+from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
 from cnca.mi_bridge.light import SKY_COLUMNS, SKY_ROWS, Light, make_light
 from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.cameras import View
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit, uniform_light
 from tests.mi_bridge.tracing import diffuse, picture, surroundings
@@ -114,3 +119,40 @@ def test_the_mean_airlight_is_the_integral_of_the_source_function():
     integrand = layer.sigma_t * dr.exp(-layer.sigma_t * s) * source
     expected = 25.0 * np.array(integrand).mean(axis=1)
     np.testing.assert_allclose(np.array(airlight).mean(axis=1), expected, rtol=1e-3)
+
+
+def test_one_airlight_is_without_noise():
+    light = make_light(Weather(sun_altitude=40), np.full(3, 0.2))
+    fog = Fog(visibility=30.0, height=HEIGHT)
+    field = solve_fog(fog, light, np.full(3, 0.2), "airlight")
+    layer = FogLayer(fog, field, Sky(light))
+    ray = mi.Ray3f(mi.Point3f(0, 0, 1), mi.Vector3f(0.8, 0, 0.6))
+    number = mi.Float(np.linspace(0.01, 0.99, 5))
+    T, found = layer.segment(ray, surface_at(25.0), number, mi.Bool(True))
+    np.testing.assert_allclose(T, np.exp(-fog.extinction * 25.0), rtol=1e-5)
+    expected = (1 - np.array(T)) * np.float32(field.airlight)[:, None]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_without_a_sky_the_ground_still_reaches_the_horizon():
+    """A camera 50 m above a disc of 100 m looks 4 to 54° down, beyond the disc's edge too."""
+    light = make_light(Weather(sun_altitude=30, sky_scale=0.0), np.full(3, 0.4))
+    around = Surroundings(Sky(light, has_map=False), None)
+    view = View("far", (0.0, 0.0, 50.0), (90.0, 0.0, 0.0), (0.0, 0.0, 1.0), 50.0, 8, 8)
+    image = picture(matt_plane(0.4), around, [view], samples=4)
+    expected = 0.4 / np.pi * light.sun_irradiance * np.sin(np.radians(30))
+    np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=1e-3)
+
+
+@pytest.mark.parametrize("asymmetry", [0.0, 0.85, -0.85, 0.9999, -0.9999])
+def test_sunlight_is_scattered_by_the_phase_function(asymmetry):
+    """J of the sun alone at the layer's top, in the lobe's middle, on its edge and beside it."""
+    light = make_light(Weather(sun_altitude=90, sky_scale=0.0), np.zeros(3))
+    light = replace(light, sky=np.zeros_like(light.sky))
+    fog = Fog(100.0, HEIGHT, albedo=1e-12, asymmetry=asymmetry)  # none scatters twice
+    layer = surroundings(light, fog).fog
+    angles = np.radians([0.0, 0.003, 0.3, 90.0, 179.997, 180.0])
+    d = mi.Vector3f(np.float32(np.sin(angles)), mi.Float(0), np.float32(np.cos(angles)))
+    J, _ = layer._source_function(mi.Float(HEIGHT), d, mi.Bool(True))
+    expected = fog.albedo * henyey_greenstein(np.cos(angles), asymmetry)
+    np.testing.assert_allclose(np.array(J)[0] / light.sun_irradiance[0], expected, rtol=2e-3)

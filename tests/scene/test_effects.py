@@ -34,6 +34,8 @@ def fit(error: float) -> Fit:
 PRICES = Prices(
     errors={
         "fog=none": fit(2.0),
+        "fog=airlight": fit(0.3),
+        "fog=single": fit(0.04),
         "sun=direction": fit(0.01),
         "interreflection=1": fit(0.15),
         "interreflection=2": fit(0.02),
@@ -46,6 +48,8 @@ PRICES = Prices(
     seconds={
         "rays": 0.1,
         "interreflection": 0.02,
+        "fog=airlight": 0.02,
+        "fog=single": 0.03,
         "fog=field": 0.05,
         "sun=direction": 0.05,
         "sun=disc": 0.06,
@@ -164,6 +168,18 @@ def test_what_is_asked_for_by_name_stays():
     assert rows["fog"]["error"] > 0
 
 
+def test_a_model_without_a_price_is_never_chosen_and_said_to_have_none():
+    unpriced = replace(PRICES, errors={k: e for k, e in PRICES.errors.items() if k != "fog=single"})
+    assert plan(FOGGY, Demand(0.1), PRICES)["fog"] == "single"
+    assert plan(FOGGY, Demand(0.1), unpriced)["fog"] == "field"
+    row = explain(plan(FOGGY, Demand(forced={"fog": "single"}), unpriced), unpriced)[0]
+    assert row["why"] == "asked for by name; its error was never measured and is not counted"
+    rows = explain(
+        plan(FOGGY, Demand(forced={"fog": "single", "sun": "direction"}), PRICES), PRICES
+    )
+    assert not any("never measured" in row["why"] for row in rows)
+
+
 def test_an_effect_that_the_scene_lacks_cannot_be_forced_into_it():
     assert plan(CLEAR, Demand(forced={"fog": "field"}), PRICES)["fog"] == "none"
 
@@ -180,7 +196,7 @@ def test_shares_of_the_time_add_up():
         (["sun=disk"], "sun=disk.*did you mean 'disc'"),
         (["interreflection=0"], "whole number from 1 to 64"),
         (["samples=many"], "whole number from 1 to 65536"),
-        (["fog"], "its models are none, field"),
+        (["fog"], "its models are none, airlight, single, field"),
     ],
 )
 def test_unknown_names_are_errors(settings, message):

@@ -31,7 +31,11 @@ MISTAKES = [
     ("sun: 3", "sun: "),
     ("fog: {}", "fog.visibility: Field required"),
     ("fog: {visibility: 0}", "fog.visibility: Input should be greater than 0 (got 0)"),
-    ("fog: {visibility: 9, asymmetry: 1}", "fog.asymmetry: Input should be less than 1 (got 1)"),
+    (
+        "fog: {visibility: 9, asymmetry: 0.99995}",
+        "fog.asymmetry: Input should be less than or equal to 0.9999 (got 0.99995)",
+    ),
+    ("fog: {visibility: 9, asymmetry: -1}", "fog.asymmetry: Input should be greater than or equal"),
     ("fog: {visibility: 9, albedo: 1.1}", "fog.albedo: "),
     ("sky: {turbidity: 11}", "sky.turbidity: "),
     ("ground: {color: [0.1, 0.2]}", "ground.color"),

@@ -1,0 +1,105 @@
+"""Detectors of torchvision, where it is installed: white boxes."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import load_file
+from torch import Tensor, nn
+from torch.nn.functional import one_hot, pad
+
+from cnca.detect import TORCHVISION
+from cnca.detect.base import CandidateDetector
+from cnca.detect.classes import COCO91, read_names
+from cnca.errors import DetectorError, did_you_mean
+from cnca.types import Candidates, SrgbImages
+
+FAMILIES = ("fasterrcnn", "retinanet", "ssd", "fcos")
+MOST, LEAST_SCORE = 1000, 0.001
+"""Of each picture's boxes so many are kept, the best, unless they score less than that."""
+
+
+class TorchvisionDetector(CandidateDetector):
+    """Faster R-CNN, RetinaNet, SSD or FCOS; resizing and normalising are the model's own.
+
+    The model's suppression is off.  Each candidate is a box for one class; the rest of the
+    ``MOST`` are filled up with boxes of score 0.
+    """
+
+    differentiable = True
+
+    def __init__(self, model: nn.Module, class_names: tuple[str, ...], name: str) -> None:
+        self.model = model.eval().requires_grad_(False)
+        self.class_names = class_names
+        self.name = name
+        last: Any = getattr(model, "roi_heads", model)
+        last.score_thresh, last.nms_thresh, last.detections_per_img = LEAST_SCORE, 1.0, MOST
+
+    @classmethod
+    def load(cls, spec: str, *, device: torch.device | str = "cpu") -> TorchvisionDetector:
+        """Read ``torchvision:NAME:FILE``, such as ``torchvision:fcos_resnet50_fpn:fcos.pth``.
+
+        FILE (``.pth`` or ``.safetensors``) holds the weights.  Classes are COCO's by their numbers,
+        or the lines of FILE's ``.names``, the first of which names the background.
+
+        Raises:
+            DetectorError: torchvision is missing, or the name or file is wrong.
+        """
+        name, colon, file = spec.removeprefix(TORCHVISION).partition(":")
+        if not (name and colon and file):
+            raise DetectorError(
+                f"detector '{spec}': write {TORCHVISION}NAME:FILE, FILE being weights"
+            )
+        if importlib.util.find_spec("torchvision") is None:
+            raise DetectorError(
+                f"detector '{spec}': needs the package torchvision, which is not installed; "
+                f"install the one that belongs to torch {torch.__version__.partition('+')[0]}"
+            )
+        path = Path(file)
+        names = path.with_suffix(".names")
+        class_names = tuple(read_names(names)) if names.is_file() else COCO91
+        model = _build(name, len(class_names))
+        _load(model, path)
+        return cls(model.to(device), class_names, name)
+
+    def candidates(self, images: SrgbImages) -> Candidates:
+        """Return the best boxes before suppression in pixels of ``images``; differentiable.
+
+        Images of another type or device are brought to the model's, where the results stay.
+        """
+        images = images.to(next(self.model.parameters()))
+        found = [self._fill(one) for one in self.model(list(images))]
+        boxes, scores = (torch.stack(part) for part in zip(*found, strict=True))
+        return Candidates(boxes, torch.ones_like(scores[..., 0]), scores)
+
+    def _fill(self, found: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """One picture's boxes (MOST, 4) and scores (MOST, classes)."""
+        columns = one_hot(found["labels"], len(self.class_names))
+        missing = (0, 0, 0, MOST - len(columns))
+        return pad(found["boxes"], missing), pad(columns * found["scores"][:, None], missing)
+
+
+def _build(name: str, classes: int) -> nn.Module:
+    from torchvision.models import detection as models
+    from torchvision.models import get_model, list_models
+
+    known = [n for n in list_models(module=models) if n.startswith(FAMILIES)]
+    if name not in known:
+        hint = did_you_mean(name, known)
+        raise DetectorError(f"{TORCHVISION}{name}: unknown; there is {', '.join(known)}{hint}")
+    return get_model(name, weights=None, weights_backbone=None, num_classes=classes)
+
+
+def _load(model: nn.Module, path: Path) -> None:
+    try:
+        if path.suffix == ".safetensors":
+            tensors = load_file(path)
+        else:
+            tensors = torch.load(path, map_location="cpu", weights_only=True)
+        model.load_state_dict(tensors)
+    except Exception as error:  # a wrong file fails in many ways, none of them ours
+        reason = " ".join(str(error).split())[:200]
+        raise DetectorError(f"{path}: weights cannot be used ({reason})") from error

@@ -1,0 +1,87 @@
+"""The built-in detectors: one contract, whether they are trained yet or not, and their sizes."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
+from cnca.detect.dataset import LabelledPictures
+from cnca.detect.train import Settings, Training, start
+from cnca.detect.yolo_loss import Targets
+from cnca.detector_data import train_builtin
+from cnca.errors import DetectorError
+from tests.detect.test_detectors import DetectorContract
+
+LARGEST = 15e6
+"""Bytes of all weights together."""
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Two grey pictures, one with a white car."""
+    folder = tmp_path_factory.mktemp("pictures")
+    images = np.full((2, 256, 256, 3), 90, np.uint8)
+    images[0, 100:160, 60:180] = 255
+    np.save(folder / "images.npy", images)
+    labels = {"class_names": ["car"], "boxes": [[[60, 100, 180, 160, 0]], []]}
+    labels |= {"group": ["plain", "empty"], "split": ["train", "train"]}
+    (folder / "labels.json").write_text(json.dumps(labels))
+    return LabelledPictures(folder)
+
+
+@pytest.fixture(scope="module", params=TRAINED)
+def subject(request, pictures, tmp_path_factory):
+    """A new network of each kind, at its full size."""
+    out = tmp_path_factory.mktemp(request.param)
+    return start(pictures, TRAINED[request.param], out, seed=0)
+
+
+@pytest.fixture(scope="module")
+def untrained(subject):
+    """It as a detector, by way of its files."""
+    return load_detector(str(subject.save(subject.network)))
+
+
+class TestRandomWeights(DetectorContract):
+    @pytest.fixture
+    def detector(self, untrained):
+        return untrained
+
+    def test_knows_cars_alone(self, detector):
+        assert detector.class_names == ("car",)
+
+
+def test_loss_falls(subject, pictures):
+    """A few steps on the same two pictures."""
+    training = Training(subject, Settings(bfloat16=False))
+    images = torch.from_numpy(np.array(pictures.pictures)).permute(0, 3, 1, 2).float() / 255
+    boxes = torch.from_numpy(pictures.boxes[0][:, :4]).float()
+    targets = Targets(boxes, torch.zeros(1, dtype=torch.long), torch.zeros(1, dtype=torch.long))
+    totals = [sum(training.step(images, targets, 0.05).values()) for _ in range(6)]
+    assert totals[-1] < 0.7 * totals[0]
+
+
+def test_all_are_small(tmp_path, pictures):
+    """All kinds together, as they are saved."""
+    sizes = []
+    for kind, template in TRAINED.items():
+        subject = start(pictures, template, tmp_path / kind, seed=0)
+        subject.save(subject.network)
+        sizes += [file.stat().st_size for file in (tmp_path / kind).rglob("*.safetensors")]
+    assert len(sizes) == len(TRAINED)
+    assert sum(sizes) < LARGEST
+
+
+@pytest.mark.parametrize("name", BUILTINS)
+def test_files(name):
+    """What a manifest lists exists, and holds the architecture."""
+    files = detector_files(name)
+    assert files
+    assert all(file.exists() for file in files)
+
+
+def test_unknown_kind(tmp_path):
+    with pytest.raises(DetectorError, match="kind 'anchorfree': unknown; .*'anchor-free'"):
+        train_builtin(tmp_path, kind="anchorfree", pictures=15, epochs=1, seed=0, resume=False)

@@ -1,0 +1,45 @@
+"""The loop's backends by name, on a scene file."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from cnca import build
+from cnca.errors import CncaError
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.scene.schema import Scene
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("rastr", "did you mean 'raster'"),
+        ("raster:8", "only cached is refreshed, such as cached:8"),
+        ("cached:0", "such as cached:8"),
+        ("cached:", "such as cached:8"),
+    ],
+)
+def test_unknown_backends_are_refused(spec, message):
+    with pytest.raises(CncaError, match=message):
+        build.parse_backend(spec)
+
+
+def test_every_backend_draws_the_scene_and_the_path_tracer_judges_it():
+    scene = Scene.model_validate(
+        {"vehicle": {"texture_size": 16}, "image": {"width": 24, "height": 24}}
+    )
+    vehicle = build.build_vehicle(scene)
+    paint, view = build.build_paint(scene, vehicle), build.build_views(scene)[0]
+    brightness = {}
+    for name in build.BACKENDS:
+        loop = build.build_loop_renderer(scene, vehicle, paint, backend=name, samples=4)
+        image = loop.render(paint.apply(), [view], scene.weather(), seed=0)
+        assert image.shape == (1, 3, 24, 24)
+        brightness[name] = float(image.mean())
+        judge = build.build_renderer(scene, vehicle, backend=name)
+        assert isinstance(judge, MitsubaRenderer)
+    assert brightness["cached"] == pytest.approx(brightness["mitsuba"], rel=0.03)
+    # Without shadows and gloss, but in the same light.
+    assert brightness["raster"] == pytest.approx(brightness["mitsuba"], rel=0.2)
+    assert not torch.tensor(list(brightness.values())).isnan().any()
