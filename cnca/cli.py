@@ -171,6 +171,9 @@ def optimize(
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100,
     views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 8,
     learning_rate: Annotated[float, typer.Option(help="Step size.")] = 0.01,
+    decay: Annotated[
+        bool, typer.Option("--decay", help="Let it fall to 0 along a cosine.")
+    ] = False,
     update: Annotated[str, typer.Option(help="adam, or sign for signed steps.")] = "adam",
     full_overlap: Annotated[
         float, typer.Option(help="IoU from which a box counts in full; 1 is the paper's loss.")
@@ -210,6 +213,7 @@ def optimize(
         steps=steps,
         views_per_step=views_per_step,
         learning_rate=learning_rate,
+        decay=decay,
         update=update,
         full_overlap=full_overlap,
         seed=seed,

@@ -14,6 +14,7 @@ in the code            in the paper
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -52,6 +53,8 @@ class Settings:
     """Pictures that the steps come back to, so that backends may keep what never changes."""
     learning_rate: float = 0.01
     """Step size; the paper's value."""
+    decay: bool = False
+    """Let the step size fall to 0 along half a cosine, so that F_adv comes to rest."""
     update: str = "adam"
     """How F_adv moves, a key of :data:`cnca.gen.feature.UPDATES`."""
     full_overlap: float = 1.0
@@ -73,6 +76,11 @@ class Settings:
             raise RunError(f"update '{self.update}': there is {' and '.join(UPDATES)}{hint}")
         if not 0 < self.full_overlap <= 1:
             raise RunError(f"full_overlap is {self.full_overlap}: an IoU lies in (0, 1]")
+
+    def step_size(self, step: int) -> float:
+        """The step size of step 0, 1, …, ``steps`` − 1."""
+        share = 0.5 + 0.5 * math.cos(math.pi * step / self.steps) if self.decay else 1.0
+        return share * self.learning_rate
 
 
 @dataclass(frozen=True)
@@ -164,6 +172,7 @@ def optimize(
             loss.backward()
         if feature.grad is None or not torch.isfinite(feature.grad).all():
             raise NonFiniteError(f"step {step} (seed {seed}): the gradient of F_adv is not finite")
+        optimizer.param_groups[0]["lr"] = settings.step_size(step)
         optimizer.step()
         with torch.no_grad():
             feature.copy_(project(feature, settings.tau))

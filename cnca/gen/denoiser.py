@@ -120,14 +120,19 @@ def train_denoiser(
     latents: Float[Tensor, "pictures 4 32 32"],
     text: Float[Tensor, "pictures 77 width"],
     *,
-    steps: tuple[int, int, int],
+    steps: tuple[int, int, int, int],
     batch: int,
 ) -> Denoiser:
-    """Learn to follow F_adv, then words beside it on quarter pictures, then on whole ones.
+    """Learn to follow F_adv, then words beside it: on quarter pictures, then on whole ones.
 
     A step on quarter pictures takes half the time and sees twice as many.
     """
-    stages = (("denoiser-wish", 16, False), ("denoiser-16", 16, True), ("denoiser-32", 32, True))
+    stages = (
+        ("denoiser-wish-16", 16, False),
+        ("denoiser-16", 16, True),
+        ("denoiser-wish-32", 32, False),
+        ("denoiser-32", 32, True),
+    )
     for (stage, side, worded), count in zip(stages, steps, strict=True):
         size = batch * 32 // side
 

@@ -176,7 +176,7 @@ class DiffusionTextureGenerator:
         decoded = vae.decode(latents / vae.config.scaling_factor, return_dict=False)[0][0]
         if not torch.isfinite(decoded).all():
             raise NonFiniteError("the generated texture is not finite: F_adv or guidance too large")
-        return UnitRange.apply(0.5 * decoded + 0.5)
+        return (0.5 * decoded + 0.5).clamp(0.0, 1.0)
 
     def _initial_noise(self, generator: torch.Generator) -> Tensor:
         scale = self._pipeline.scheduler.init_noise_sigma
@@ -191,26 +191,6 @@ class DiffusionTextureGenerator:
                 f"this generator reads (1 to {most} tokens, {width})"
             )
         check_finite(feature)
-
-
-class UnitRange(torch.autograd.Function):
-    """Clip to [0, 1]; the gradient of a clipped value passes where descent leads back inside.
-
-    The plain derivative there is 0: paint that an attack has once made black would stay black.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, values: Tensor) -> Tensor:
-        """Values in [0, 1]."""
-        ctx.save_for_backward(values)
-        return values.clamp(0.0, 1.0)
-
-    @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> Tensor:  # type: ignore[override]
-        """Drop what would push a clipped value further out: a step goes against the gradient."""
-        (values,) = ctx.saved_tensors
-        outwards = ((values < 0.0) & (gradient > 0.0)) | ((values > 1.0) & (gradient < 0.0))
-        return gradient.masked_fill(outwards, 0.0)
 
 
 def _length(pipeline: Pipeline) -> int:

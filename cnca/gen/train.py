@@ -29,12 +29,12 @@ def train_generator(
     resume: bool = True,
     pictures: int = 4096,
     autoencoder_steps: int = 5000,
-    denoiser_steps: tuple[int, int, int] = (1000, 3500, 1200),
+    denoiser_steps: tuple[int, int, int, int] = (1000, 3500, 600, 900),
     batch: int = 16,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
 
-    ``denoiser_steps`` are those of F_adv alone, with words on quarter pictures, on whole ones.
+    ``denoiser_steps`` are those of F_adv alone and with words, on quarter pictures, on whole ones.
     Same arguments, same weights.  With ``resume``, stages and steps found in ``out`` are kept.
     """
     out.mkdir(parents=True, exist_ok=True)

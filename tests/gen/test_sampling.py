@@ -9,7 +9,7 @@ from cnca.errors import GeneratorError
 from cnca.gen import feature, sampling
 from cnca.gen.live_memory import LiveMemory
 from cnca.gen.pipeline import Pipeline
-from cnca.gen.sampling import DiffusionTextureGenerator, UnitRange
+from cnca.gen.sampling import DiffusionTextureGenerator
 from cnca.protocols import TextureGenerator
 
 
@@ -298,11 +298,3 @@ def test_unusable_features_are_named(tiny: Pipeline):
         sampler.generate(text, holed, seeded())
     with pytest.raises(GeneratorError, match=r"F_adv has shape \(2, 64\)"):
         sampler.generate(text, torch.zeros(2, 64), seeded())
-
-
-def test_clipped_colours_can_come_back_but_go_no_further():
-    values = torch.tensor([-0.5, -0.5, 0.4, 1.5, 1.5], requires_grad=True)
-    clipped = UnitRange.apply(values)
-    assert clipped.tolist() == pytest.approx([0.0, 0.0, 0.4, 1.0, 1.0])
-    clipped.backward(torch.tensor([1.0, -1.0, 1.0, 1.0, -1.0]))
-    assert values.grad.tolist() == [0.0, -1.0, 1.0, 1.0, 0.0]

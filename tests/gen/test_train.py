@@ -69,7 +69,7 @@ def test_the_decoder_disregards_position_channels():
 
 
 def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
-    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1, 1), "batch": 2}
+    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1, 1, 1), "batch": 2}
     folder = train_generator(tmp_path, seed=1, **options)
     generator = DiffusionTextureGenerator.load(folder, steps=1)
     assert generator.feature_shape == (77, 128)
