@@ -1,5 +1,6 @@
 """The loop, with parts so simple that the outcome is known."""
 
+import math
 from dataclasses import dataclass, replace
 
 import pytest
@@ -104,6 +105,24 @@ def test_signed_steps_move_every_element_by_the_learning_rate():
     )
     progress, _ = run(settings)
     assert torch.allclose(progress.feature, torch.full((2, 3), -0.06), atol=1e-6)
+
+
+def test_with_decay_the_steps_shrink_along_half_a_cosine():
+    constant = Settings(
+        "grey", tau=1.0, steps=4, learning_rate=0.1, start_spread=0.0, update="sign"
+    )
+    progress, _ = run(replace(constant, decay=True))
+    way = 0.1 * sum(0.5 + 0.5 * math.cos(math.pi * k / 4) for k in range(4))
+    assert way < 0.4  # that of constant steps
+    assert torch.allclose(progress.feature, torch.full((2, 3), -way), atol=1e-6)
+
+
+def test_an_interrupted_run_with_decay_ends_the_same():
+    settings = Settings("grey", tau=1.0, steps=8, learning_rate=0.1, decay=True)
+    whole, _ = run(settings)
+    part, _ = run(settings, stop_after=3)
+    again, _ = run(settings, part)
+    assert torch.equal(again.feature, whole.feature)
 
 
 def test_the_released_code_starts_at_the_prompt():
