@@ -1,0 +1,38 @@
+"""The ``cnca`` command.  Commands import what they need inside, so that ``--help`` is instant."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from cnca.cli import attack, data, evidence, render, train  # noqa: F401  (they register commands)
+from cnca.cli.app import app
+from cnca.errors import CncaError
+
+
+def main() -> None:
+    """Run the command line; bad input ends with one line on stderr and exit code 2."""
+    # torch's idle threads spin by default, on the cores that Dr.Jit's threads then need.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    try:
+        app(prog_name="cnca")
+    except Exception as error:
+        message = _user_message(error)
+        if message is None:
+            raise
+        print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _user_message(error: Exception) -> str | None:
+    """The one line to show for ``error``, or None if it is a bug that deserves its traceback."""
+    if isinstance(error, CncaError):
+        return " ".join(str(error).split())
+    pydantic = sys.modules.get("pydantic")  # who has not imported it cannot have raised its error
+    if pydantic is not None and isinstance(error, pydantic.ValidationError):
+        places = (
+            f"{'.'.join(map(str, one['loc']))}: {one['msg']}, got {one['input']!r}"
+            for one in error.errors()
+        )
+        return f"{error.title}: " + "; ".join(places)
+    return None

@@ -1,0 +1,78 @@
+"""Commands that search a camouflage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cnca.cli.app import app
+from cnca.cli.options import AttackOptions, Resume, Scorer, takes
+
+Prompt = Annotated[str, typer.Option(help="What the paint is to look like.")]
+
+
+@app.command()
+@takes(AttackOptions)
+def optimize(
+    options: AttackOptions,
+    prompt: Prompt,
+    tau: Annotated[
+        str, typer.Option(help="Bound on each element of F_adv; inf for none, auto to search it.")
+    ] = "1.0",
+    min_prompt_score: Annotated[
+        float | None, typer.Option(help="With --tau auto: cosine that the texture must keep.")
+    ] = None,
+    scorer: Scorer = None,
+    resume: Resume = False,
+) -> None:
+    """Search the camouflage that a detector misses, and judge it on held-out views."""
+    from cnca import terminal
+
+    terminal.optimize(options.request(prompt, resume=resume), tau, min_prompt_score, scorer)
+
+
+@app.command()
+@takes(AttackOptions)
+def tradeoff(
+    options: AttackOptions,
+    prompt: Prompt,
+    taus: Annotated[str, typer.Option(help="Bounds on F_adv to compare.")] = "0.1,0.5,1,1.5,inf",
+    scorer: Scorer = None,
+) -> None:
+    """Attack under several bounds τ: the paper's table of naturalness against strength.
+
+    The same command goes on after an interruption.
+    """
+    from cnca import terminal
+
+    terminal.tradeoff(options.request(prompt), taus, scorer)
+
+
+@app.command()
+@takes(AttackOptions)
+def prompts(
+    options: AttackOptions,
+    wanted: Annotated[list[str], typer.Argument(help="Prompts to compare.")],
+    tau: Annotated[str, typer.Option(help="Bound on each element of F_adv.")] = "1.0",
+    scorer: Scorer = None,
+) -> None:
+    """Attack with several prompts: the paper's table of styles, with numbers and pictures.
+
+    The same command goes on after an interruption.
+    """
+    from cnca import terminal
+
+    terminal.prompts(options.request(wanted[0]), wanted, tau, scorer)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the run.")] = Path("out/demo"),
+    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 80,
+) -> None:
+    """The main job on what ships with the package: a few minutes on two cores."""
+    from cnca import terminal
+
+    terminal.demo(out, steps)

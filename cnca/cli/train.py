@@ -1,0 +1,89 @@
+"""Commands that train what ships with the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cnca.cli.app import app
+from cnca.cli.options import Resume, Seed
+
+
+@app.command("train-generator")
+def train_generator(
+    out: Annotated[Path, typer.Option(help="Folder for the pipeline.")],
+    seed: Seed = 0,
+    resume: Resume = False,
+) -> None:
+    """Train the shipped diffusion pipeline on procedural textures."""
+    from cnca.gen.train import train_generator
+
+    train_generator(out, seed=seed, resume=resume)
+
+
+@app.command("train-scorer")
+def train_scorer(
+    out: Annotated[Path, typer.Option(help="Folder for the scorer.")],
+    corpus: Annotated[
+        Path, typer.Option(help="Folder of train-generator, for its pictures.")
+    ] = Path("out/generator"),
+    seed: Seed = 0,
+    resume: Resume = False,
+) -> None:
+    """Train the shipped prompt scorer on procedural textures, and test it on unseen ones."""
+    from cnca.gen.train_scorer import train_scorer
+
+    trained = train_scorer(out, data=corpus, seed=seed, resume=resume)
+    typer.echo(f"{trained.file}: right prompt of ten in {trained.right:.1%} of {trained.pictures}")
+
+
+@app.command("train-detector")
+def train_detector(
+    out: Annotated[Path, typer.Option(help="Folder for pictures and weights.")],
+    kind: Annotated[str, typer.Option(help="yolo, anchor-free or transformer.")] = "yolo",
+    pictures: Annotated[int, typer.Option(help="Pictures to render.")] = 1680,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 26,
+    seed: Seed = 0,
+    resume: Resume = False,
+) -> None:
+    """Render pictures of the built-in vehicles and train a built-in detector on them."""
+    from cnca.detector_data import train_builtin
+
+    report = train_builtin(
+        out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume
+    )
+    typer.echo(report)
+
+
+@app.command("train-efr")
+def train_efr(
+    out: Annotated[Path, typer.Option(help="Weights to write, .safetensors; report beside.")],
+    from_render: Annotated[
+        list[Path] | None, typer.Option(help="Scene file to draw pairs from; repeatable.")
+    ] = None,
+    carla: Annotated[Path | None, typer.Option(help="Folder of CARLA frames instead.")] = None,
+    carla_scene: Annotated[Path, typer.Option(help="Scene file with their vehicle.")] = Path(
+        "scenes/etron_carla.yaml"
+    ),
+    backend: Annotated[str, typer.Option(help="Renderer to correct.")] = "raster",
+    spp: Annotated[int, typer.Option(help="Its rays per pixel.")] = 4,
+    views: Annotated[int, typer.Option(help="Views to train on, each in six paints.")] = 64,
+    epochs: Annotated[int, typer.Option(help="Passes over them.")] = 20,
+    seed: Seed = 0,
+) -> None:
+    """Train an EFR that corrects cheap renders towards path-traced ones or photographs."""
+    from cnca import terminal
+
+    terminal.train_efr(
+        out,
+        scenes=from_render or [],
+        carla=carla,
+        carla_scene=carla_scene,
+        backend=backend,
+        samples=spp,
+        views=views,
+        epochs=epochs,
+        seed=seed,
+    )
