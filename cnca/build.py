@@ -17,6 +17,7 @@ from cnca.detect.classes import CAR, vehicle_labels
 from cnca.errors import CncaError, MeshError, SceneError, TextureError, did_you_mean
 from cnca.paint import Paint
 from cnca.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
+from cnca.scene import shipped
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
 from cnca.scene.effects import Demand
@@ -246,4 +247,4 @@ def scene_files(scene: Scene, scene_file: Path) -> list[Path]:
     section = scene.vehicle
     named = [section.paint_mask, section.base_texture]
     named += [] if section.mesh.startswith("builtin:") else [section.mesh]
-    return [scene_file, *(scene.base / name for name in named if name)]
+    return [shipped.scene_file(scene_file), *(scene.base / name for name in named if name)]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cnca.evidence_parts import Request as EvidenceRequest
     from cnca.reorder_uv import Source
 
-DEMO_SCENE = Path(__file__).parents[1] / "scenes" / "sedan_clear.yaml"
+DEMO_SCENE = Path("builtin:sedan_clear")
 DEMO_PROMPT = "colorful camouflage"
 
 
@@ -273,12 +273,7 @@ def train_efr(out: Path, **options: Any) -> None:
 
 
 def demo(out: Path, steps: int) -> None:
-    """The main job on the shipped sedan, generator and detector.
-
-    Raises RunError where the scenes are not beside the package (not a checkout).
-    """
-    if not DEMO_SCENE.exists():
-        raise RunError(f"{DEMO_SCENE}: not there; run the demo from a checkout of the repository")
+    """The main job on the shipped sedan, generator and detector."""
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05, full_overlap=0.5)
     attack(Request(DEMO_SCENE, "builtin", out, settings, gradient_steps=5, resume=resume))

@@ -6,8 +6,6 @@ from typing import Annotated
 
 import typer
 
-from cnca import __version__
-
 app = typer.Typer(
     name="cnca",
     help="Customizable, natural adversarial camouflage: how robust is a vehicle detector?",
@@ -20,7 +18,12 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"cnca {__version__}")
+        from cnca.manifest import versions
+        from cnca.mi_bridge import llvm
+
+        library = llvm.first_by_name()
+        every = versions() | {"LLVM": library.name if library else "missing"}
+        typer.echo("\n".join(f"{name} {version}" for name, version in every.items()))
         raise typer.Exit
 
 
@@ -29,7 +32,10 @@ def _options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print all versions that matter.",
         ),
     ] = False,
 ) -> None:

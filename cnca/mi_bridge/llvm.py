@@ -128,6 +128,13 @@ def choose() -> Library:
     raise BackendError(f"no usable LLVM found ({refused or 'none installed'}); {REMEDY}")
 
 
+def first_by_name() -> Path | None:
+    """What :func:`choose` will take unless it fails to load: told from names alone, so at once."""
+    wanted = os.environ.get(VARIABLE)
+    named = [Path(wanted)] if wanted else candidates()
+    return next((path for path in named if (major_from_name(path.resolve()) or 0) >= OLDEST), None)
+
+
 def _listed_by_loader() -> list[Path]:
     """The libLLVM files in the dynamic loader's cache, those for this word size only."""
     ldconfig = shutil.which("ldconfig") or shutil.which("ldconfig", path="/sbin:/usr/sbin")

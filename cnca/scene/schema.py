@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from cnca.errors import SceneError, did_you_mean
 from cnca.scene.materials import MATERIALS
+from cnca.scene.shipped import scene_file
 from cnca.scene.weather import MOST_ASYMMETRY, Fog, Weather
 
 
@@ -197,12 +198,12 @@ class Scene(Section):
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read and check a scene file.
+    """Read and check a scene file, or the shipped one that ``builtin:NAME`` stands for.
 
     Raises:
         SceneError: the file is missing, is not YAML, or a key or value in it is wrong.
     """
-    path = Path(path)
+    path = scene_file(path)
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
