@@ -61,7 +61,7 @@ def ladder() -> Iterator[Rung]:
             yield Rung(f"{samples} spp, {bounces} reflections", Demand(forced=forced))
         for effect, model in (
             *(("sun", "disc"), ("fog", "none"), ("fog", "airlight"), ("fog", "single")),
-            *(("materials", "principled"), ("materials", "diffuse")),
+            *(("materials", "principled"), ("materials", "diffuse"), ("glass", "dark")),
         ):
             demand = Demand(forced=usual | {effect: model})
             yield Rung(f"{samples} spp, {effect} {model}", demand)

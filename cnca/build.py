@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from cnca.scene.load_mesh import resolve_vehicle
 from cnca.scene.mesh import Vehicle
 from cnca.scene.schema import CarlaCamera, Scene
 from cnca.scene.uv import pad_mask, paint_mask
+from cnca.targets import Target, parse_targets
 from cnca.types import SrgbTexture
 
 BACKENDS = ("mitsuba", "raster", "cached")
@@ -51,7 +52,11 @@ def build_vehicle(scene: Scene) -> Vehicle:
         materials=section.materials,
         unwrap=section.unwrap,
     )
-    return replace(vehicle, paint=replace(vehicle.paint, **section.finish.model_dump()))
+    return replace(
+        vehicle,
+        paint=replace(vehicle.paint, **section.finish.model_dump()),
+        glass=replace(vehicle.glass, transmission=section.glass_transmission),
+    )
 
 
 def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
@@ -138,6 +143,11 @@ def build_loop_renderer(
     kept = KeptBackgrounds(renderer, paint.apply())
     if name == "mitsuba":
         return kept
+    if vehicle.glass.transmission > 0:
+        raise CncaError(
+            f"backend '{backend}': sees nothing behind glass; set vehicle.glass_transmission to 0, "
+            "or take the backend mitsuba"
+        )
     if name == "raster":
         return LookupRenderer(kept, PlainShading(kept))
     return LookupRenderer(kept, TracedShading(kept, CACHE_FACTOR * samples), refresh)
@@ -224,6 +234,15 @@ def build_detector(spec: str) -> Detector:
     return load_detector(spec)
 
 
+def build_targets(words: Sequence[str]) -> list[Target]:
+    """Detectors with their weights; see :func:`cnca.targets.parse_targets`."""
+    targets = []
+    for name, weight in parse_targets(words).items():
+        detector = build_detector(name)
+        targets.append(Target(name, detector, vehicle_label(detector.class_names), weight))
+    return targets
+
+
 def read_texture(path: str | Path) -> SrgbTexture:
     """A texture file as a tensor (3, height, width) in [0, 1]."""
     return torch.from_numpy(read_texture_srgb(path)).permute(2, 0, 1).contiguous()
@@ -235,11 +254,12 @@ def vehicle_label(class_names: Sequence[str]) -> int:
 
 
 def input_files(
-    scene: Scene, scene_file: Path, detector: str, generator: Path | None
+    scene: Scene, scene_file: Path, detectors: Iterable[str], generator: Path | None
 ) -> list[Path]:
     """Every file that a run reads, for its manifest."""
     shared = Path(generator or SHIPPED_GENERATOR)
-    return [*scene_files(scene, scene_file), shared, *detector_files(detector)]
+    files = [file for name in detectors for file in detector_files(name)]
+    return [*scene_files(scene, scene_file), shared, *files]
 
 
 def scene_files(scene: Scene, scene_file: Path) -> list[Path]:

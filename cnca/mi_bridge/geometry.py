@@ -32,6 +32,7 @@ class Geometry:
         texture_size: int,
         props: tuple[Part, ...] = (),
         materials: str = "coat",
+        glass: str = "pane",
     ):
         """
         Args:
@@ -39,6 +40,7 @@ class Geometry:
             texture_size: texels per side of the texture on everything painted.
             props: other things that stand around; painted ones wear the vehicle's texture.
             materials: model of :data:`cnca.scene.effects.LADDERS` for every part.
+            glass: likewise; "pane" makes thin panes of what lets light through.
 
         Raises:
             TextureError: no part of the vehicle is painted, or a painted part has no UVs.
@@ -54,6 +56,10 @@ class Geometry:
             name: _bsdf(vehicle.material(name), texture if name == "paint" else None, materials)
             for name in sorted({part.material for part in parts})
         }
+        panes = [name for name in bsdfs if vehicle.material(name).transmission > 0]
+        self.has_panes = glass == "pane" and bool(panes)
+        if self.has_panes:
+            bsdfs |= {name: _pane(vehicle.material(name)) for name in panes}
         self._origin = _middle(vehicle)
         meshes = [_mesh(part, bsdfs[part.material], self._origin) for part in parts]
         ground = {
@@ -132,6 +138,21 @@ def _bsdf(material: Material, texture: mi.Texture | None, model: str) -> mi.BSDF
             "clearcoat_gloss": material.clearcoat_gloss,
         }
     return mi.load_dict({"type": "twosided", "bsdf": principled})
+
+
+def _pane(material: Material) -> mi.BSDF:
+    """Glass so thin that light leaves it where it came in, with all reflections between its sides.
+
+    Its index of refraction is that of the principled model's ``specular``.
+    """
+    root = (0.08 * material.specular) ** 0.5
+    return mi.load_dict(
+        {
+            "type": "thindielectric",
+            "int_ior": (1 + root) / (1 - root),
+            "specular_transmittance": material.transmission,
+        }
+    )
 
 
 def _middle(vehicle: Vehicle) -> Float[np.ndarray, "3"]:

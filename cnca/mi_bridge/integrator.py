@@ -6,6 +6,7 @@ Textures are the only differentiable quantity; geometry, light and fog carry no 
 
 Two rays leave each surface: one to the sun, whose direction is certain, and one sampled from the
 BSDF, which finds the sky, the fog's light and other surfaces.  No emitter is sampled at random.
+Thin panes of glass are passed on the way, in both.
 """
 
 from __future__ import annotations
@@ -176,12 +177,35 @@ class FogLayer:
         return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
 
 
+MOST_PANES = 8
+"""Thin panes of glass that a path may pass; light behind more of them is lost."""
+
+
+@dr.syntax
+def pane_transmittance(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.Color3f:
+    """Share of light that comes along ``ray`` from infinity through panes; 0 behind all else."""
+    T = mi.Color3f(1)
+    panes = mi.UInt32(0)
+    active = mi.Bool(active)
+    while dr.hint(active, label="panes"):
+        si = scene.ray_intersect(ray, active)
+        hit = active & si.is_valid()
+        T = dr.select(hit, T * si.bsdf(ray).eval_null_transmission(si, hit), T)
+        T = dr.select(hit & (panes == MOST_PANES), 0, T)
+        active = hit & (dr.max(T) > 0)
+        ray = si.spawn_ray(ray.d)
+        panes += 1
+    return T
+
+
 @dataclass
 class Surroundings:
     """Everything but geometry and materials."""
 
     sky: Sky
     fog: FogLayer | None
+    panes: bool = False
+    """Whether some of the geometry is thin glass that paths and sunlight pass."""
 
 
 @dr.syntax
@@ -209,15 +233,17 @@ def trace(
     primal = mode == dr.ADMode.Primal
     sky, fog = surroundings.sky, surroundings.fog
     context = mi.BSDFContext()
+    longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
 
     ray = mi.Ray3f(dr.detach(ray))  # current segment
-    depth = mi.UInt32(0)  # index of the current segment
+    depth = mi.UInt32(0)  # reflections so far
+    panes = mi.UInt32(0)  # panes passed so far
     L = mi.Color3f(0) if primal else mi.Color3f(state)  # gathered; backward: still to come
     δL = mi.Color3f(0) if primal else mi.Color3f(δL)  # adjoint radiance
     β = mi.Color3f(1)  # throughput
     active = mi.Bool(True)  # lanes that still walk
 
-    while dr.hint(active, max_iterations=bounces + 1, label=f"path ({mode.name})"):
+    while dr.hint(active, max_iterations=longest, label=f"path ({mode.name})"):
         si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=depth == 0, active=active)
         hit = active & si.is_valid()
         escapes = active & ~si.is_valid()
@@ -237,8 +263,12 @@ def trace(
         if dr.hint(sky.has_sun, mode="scalar"):
             to_sun = sky.to_sun(sampler, active_next)
             shadow_ray = si.spawn_ray(to_sun)
-            sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
             E_sun = mi.Color3f(sky.sun_irradiance)
+            if dr.hint(surroundings.panes, mode="scalar"):
+                E_sun *= pane_transmittance(scene, shadow_ray, active_next)
+                sunlit = active_next & (dr.max(E_sun) > 0)
+            else:
+                sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
             if dr.hint(fog is not None, mode="scalar"):
                 E_sun *= fog.sun_transmittance(si.p.z)  # type: ignore[union-attr]
             with dr.resume_grad(when=not primal):
@@ -249,8 +279,9 @@ def trace(
 
         # ---------------- next segment ----------------
         lobe, across = sampler.next_1d(active_next), sampler.next_2d(active_next)
-        lobe = dr.select(depth == 0, first_reflection[0], lobe)
-        across = dr.select(depth == 0, mi.Point2f(*first_reflection[1:]), across)
+        first = depth + panes == 0
+        lobe = dr.select(first, first_reflection[0], lobe)
+        across = dr.select(first, mi.Point2f(*first_reflection[1:]), across)
         bs, weight = bsdf.sample(context, si, lobe, across, active_next)
         active_next &= dr.max(weight) > 0
         ray_next = si.spawn_ray(si.to_world(bs.wo))
@@ -265,7 +296,13 @@ def trace(
 
         β *= weight
         ray = ray_next
-        depth += 1
+        if dr.hint(surroundings.panes, mode="scalar"):
+            passed = active_next & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
+            active_next &= ~passed | (panes < MOST_PANES)
+            panes += dr.select(passed, 1, 0)
+            depth += dr.select(passed, 0, 1)
+        else:
+            depth += 1
         active = active_next
 
     return L

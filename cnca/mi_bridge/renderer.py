@@ -29,7 +29,7 @@ from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
 from cnca.scene.effects import Demand, EffectPlan, plan
 from cnca.scene.mesh import Part, Vehicle
-from cnca.scene.prices import Subject, mean_coat
+from cnca.scene.prices import Subject, mean_over_area
 from cnca.scene.weather import Weather
 from cnca.types import Boxes, LinearImages, LinearTexture
 
@@ -82,15 +82,20 @@ class MitsubaRenderer:
         usual = {"samples": str(samples), "interreflection": str(bounces)}
         self.demand = replace(demand or Demand(), usual=usual)
         self.exposure = exposure
-        self._coat = mean_coat(replace(vehicle, parts=(*vehicle.parts, *props)))
+        everything = replace(vehicle, parts=(*vehicle.parts, *props))
+        self._coat = mean_over_area(everything, lambda material: material.clearcoat)
+        self._glass = mean_over_area(everything, lambda material: material.transmission)
 
         self._forward_share = lru_cache(ForwardShare)
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
         self.texture_size = texture_size
         texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
         self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props)
-        self._materials = "coat" if self._coat > 0 else "principled"
-        self.geometry = self._build(self._materials)
+        # What is most likely asked for, since kernels go on holding code of what was built before.
+        best = {"materials": "coat" if self._coat else "principled"}
+        best |= {"glass": "pane" if self._glass else "dark"} | dict(self.demand.forced)
+        self._worn = (best["materials"], best["glass"])
+        self.geometry = self._build(*self._worn)
 
     def render(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
@@ -151,7 +156,7 @@ class MitsubaRenderer:
         most_rays: int | None = None,
     ) -> list[Shot]:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
-        self._wear(chosen["materials"])
+        self._wear(chosen["materials"], chosen["glass"])
         cameras = self._cameras(views, pixels)
         atmosphere = self._atmosphere(chosen.weather, chosen["sun"], chosen["fog"])
         part = max((most_rays or MOST_RAYS) // cameras.lanes(1), 1)
@@ -202,6 +207,7 @@ class MitsubaRenderer:
             paint=float(albedo.detach().mean().clamp(0, 1)),
             fog_path=max(_path_in_layer(self.geometry.local(v), weather) for v in views),
             coat=self._coat,
+            glass=self._glass,
             pixels_per_metre=min(_pixels_per_metre(self.geometry.local(view)) for view in views),
         )
         forced = dict(self.demand.forced) | ({"samples": str(samples)} if samples else {})
@@ -212,12 +218,12 @@ class MitsubaRenderer:
     ) -> Cameras:
         return Cameras([self.geometry.local(view) for view in views], pixels)
 
-    def _wear(self, materials: str) -> None:
+    def _wear(self, materials: str, glass: str) -> None:
         """Exchange the geometry: kernels hold the code of all materials that exist."""
-        if materials != self._materials:
+        if (materials, glass) != self._worn:
             self._atmosphere.cache_clear()
             self._forward_share.cache_clear()
-            self._materials, self.geometry = materials, self._build(materials)
+            self._worn, self.geometry = (materials, glass), self._build(materials, glass)
 
     def _make_atmosphere(self, weather: Weather, sun: str, fog_model: str) -> _Atmosphere:
         light = make_light(weather, self.ground_albedo)
@@ -225,16 +231,17 @@ class MitsubaRenderer:
         # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
         light = light.scaled(1 / above if above > 0 else 1.0)
         sky = Sky(light, has_map=weather.sky_scale > 0, sun_disc=sun == "disc")
+        panes = self.geometry.has_panes
         fog = weather.fog
         if fog is None or fog.height == 0:
-            return _Atmosphere(Surroundings(sky, None), exposure=1.0)
+            return _Atmosphere(Surroundings(sky, None, panes), exposure=1.0)
         field = solve_fog(fog, light, self.ground_albedo, fog_model)
         white = lambertian_white(*_at_height(field, 1.0), light.sun_direction)
         forward = None
         if fog_model == "field":
             forward = self._forward_share(self.geometry, fog.asymmetry)
         layer = FogLayer(fog, field, sky, forward)
-        return _Atmosphere(Surroundings(sky, layer), exposure=1 / max(white, DARKEST))
+        return _Atmosphere(Surroundings(sky, layer, panes), exposure=1 / max(white, DARKEST))
 
 
 def _pixels_per_metre(view: View) -> float:

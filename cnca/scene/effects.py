@@ -21,6 +21,7 @@ LADDERS = {
     "sky": ("off", "map"),
     "interreflection": ("1", "2", "3", "4", "8"),
     "materials": ("diffuse", "principled", "coat"),
+    "glass": ("dark", "pane"),
     "gradient": ("off", "texture"),
     "samples": ("16",),
 }
@@ -35,6 +36,7 @@ FOG_LIGHT = {
     "single": "light that droplets scatter once",
     "field": "solved once, then looked up",
 }
+GLASS = {"dark": "no window lets light through", "pane": "windows that one sees through"}
 Row = dict[str, str | float]
 MOST_SAMPLES = 4096
 """Rays per pixel beyond which a target error counts as out of reach."""
@@ -148,6 +150,8 @@ def _present(effect: str, subject: Subject) -> tuple[str, ...]:
         return ladder[:1]
     if effect == "materials" and subject.coat == 0:
         return ladder[:2]
+    if effect == "glass" and subject.glass == 0:
+        return ladder[:1]
     return ladder
 
 
@@ -157,7 +161,7 @@ def _cheapest(
     """Models and samples; where the target is out of reach, those with the smallest error."""
     options = {
         effect: (forced[effect],) if effect in forced else _candidates(effect, subject, prices)
-        for effect in ("fog", "sun", "interreflection", "materials")
+        for effect in ("fog", "sun", "interreflection", "materials", "glass")
     }
 
     def rank(models: dict[str, str]) -> tuple[float, float]:
@@ -260,4 +264,6 @@ def _why(effect: str, plan: EffectPlan, error: float) -> str:
         return f"paths of {model} reflection{'s' if model != '1' else ''}; {left_out}"
     if effect == "materials":
         return left_out if error else "all that the vehicle's materials have"
+    if effect == "glass":
+        return left_out if error else GLASS[model]
     return f"noise of {model} rays per pixel"

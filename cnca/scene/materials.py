@@ -27,6 +27,8 @@ class Material:
     """0 satin lacquer, 1 mirror-like lacquer."""
     metallic: float = 0.0
     """0 a dielectric, 1 a metal."""
+    transmission: float = 0.0
+    """Share of light that passes the inside of a thin pane; 0 is opaque."""
 
 
 MATERIALS: dict[str, Material] = {

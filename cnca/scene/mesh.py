@@ -34,7 +34,9 @@ class Vehicle:
     parts: tuple[Part, ...]
     paint: Material = MATERIALS["paint"]
     """How the paint reflects light; its colour is the texture's."""
+    glass: Material = MATERIALS["glass"]
+    """What the windows are made of."""
 
     def material(self, name: str) -> Material:
         """What a part of the material ``name`` is made of."""
-        return self.paint if name == "paint" else MATERIALS[name]
+        return {"paint": self.paint, "glass": self.glass}.get(name) or MATERIALS[name]

@@ -16,13 +16,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from cnca.scene.materials import Material
 from cnca.scene.mesh import Vehicle
 from cnca.scene.weather import Weather
 
@@ -44,7 +45,9 @@ class Subject:
     fog_path: float
     """Metres inside the fog layer between the camera and the vehicle."""
     coat: float
-    """Clear coat of the vehicle's materials in [0, 1], weighted by area: :func:`mean_coat`."""
+    """Clear coat of the vehicle's materials in [0, 1], weighted by area: :func:`mean_over_area`."""
+    glass: float
+    """Transmission of the vehicle's materials in [0, 1], weighted likewise."""
     pixels_per_metre: float
     """At the vehicle: the share of pixels that edges cross, and so are noisy, falls with it."""
 
@@ -99,6 +102,7 @@ class Subject:
             "fog=single": self.fog_share,
             "sun=direction": float(self.has_sun),
             "materials=principled": self.coat,
+            "glass=dark": self.glass,
         }
         return forms.get(key, 1.0)
 
@@ -112,14 +116,14 @@ class Subject:
         return [*self.features(), math.log(self.pixels_per_metre), math.log(samples / TYPICAL)]
 
 
-def mean_coat(vehicle: Vehicle) -> float:
-    """Clear coat in [0, 1], averaged over the area of all parts."""
-    areas, coats = [], []
+def mean_over_area(vehicle: Vehicle, value: Callable[[Material], float]) -> float:
+    """A property of the materials, such as their clear coat, averaged over all parts' area."""
+    areas, values = [], []
     for part in vehicle.parts:
         a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)
         areas.append(np.linalg.norm(np.cross(b - a, c - a), axis=-1).sum() / 2)
-        coats.append(vehicle.material(part.material).clearcoat)
-    return float(np.dot(areas, coats) / max(sum(areas), 1e-12))
+        values.append(value(vehicle.material(part.material)))
+    return float(np.dot(areas, values) / max(sum(areas), 1e-12))
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,8 @@ class VehicleSection(Section):
     """sRGB colour of the plain paint where there is no base texture."""
     finish: FinishSection = FinishSection()
     """The paint's gloss."""
+    glass_transmission: Unit = 0.0
+    """Share of light that passes the windows; 0 is dark glass, and hides that nothing is inside."""
     texture_size: Annotated[int, Field(ge=1, le=8192)] = 512
     """Texels per side of the texture that the renderer sees."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 import torch
@@ -12,6 +13,7 @@ import torch
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import dr
 from cnca.scene.effects import Demand
+from cnca.scene.materials import MATERIALS
 from cnca.scene.mesh import Vehicle
 from cnca.scene.props import box
 from cnca.scene.weather import Fog, Weather
@@ -23,9 +25,9 @@ PATH_TRACER = 2000
 """Operations beyond which a kernel is one that follows paths."""
 
 
-def make_kernels(vehicle: Vehicle):
+def make_kernels(vehicle: Vehicle, **built_for: str):
     """Return what gives the path tracer's kernels in a render, with or without its gradient."""
-    renderer = MitsubaRenderer(vehicle, texture_size=8, samples=4)
+    renderer = MitsubaRenderer(vehicle, texture_size=8, samples=4, demand=Demand(forced=built_for))
 
     def of(weather: Weather, *, learns: bool = False, **forced: str) -> list[dict]:
         renderer.demand = Demand(forced={"samples": "4"} | forced)
@@ -88,6 +90,22 @@ def test_without_sky_no_map_is_looked_up(kernels):
     assert none["operation_count"] < sky["operation_count"]
 
 
+def test_dark_glass_holds_no_code_of_panes():
+    """Windows that are kept dark have the very kernel of a scene without clear ones."""
+    opaque, pane, dark = (
+        lines_of(f"print_kernel_with_glass({arguments})")
+        for arguments in ("0", "0.5", "0.5, glass='dark'")
+    )
+    assert opaque == dark != pane
+
+
+def print_kernel_with_glass(transmission: float, **models: str) -> None:
+    pane = replace(MATERIALS["glass"], transmission=transmission)
+    window = replace(box(BOX / 2), material="glass", name="window")
+    kernels = make_kernels(Vehicle("box", (box(BOX), window), glass=pane), **models)
+    print(kernels(SUNNY, **models)[0]["hash"])
+
+
 def print_sizes_by_material() -> None:
     kernels = make_kernels(Vehicle("box", (box(BOX),)))
     for model in ("diffuse", "principled", "coat"):
@@ -95,11 +113,18 @@ def print_sizes_by_material() -> None:
 
 
 def test_simpler_materials_have_smaller_kernels():
-    """In a process of its own: here the other tests' renderers are alive with their materials."""
-    call = f"from {__name__} import print_sizes_by_material as show; show()"
-    done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=True)
-    counts = [int(line) for line in done.stdout.split()]
+    counts = [int(line) for line in lines_of("print_sizes_by_material()")]
     assert counts[0] < counts[1] < counts[2]
+
+
+def lines_of(call: str) -> list[str]:
+    """What a function of this file prints in a process of its own.
+
+    Here the other tests' renderers are alive with their materials, which all kernels hold.
+    """
+    code = f"import {__name__} as here; here.{call}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.split()
 
 
 def test_without_gradient_no_adjoint_runs(kernels):

@@ -21,7 +21,9 @@ from cnca.scene.effects import (
 from cnca.scene.prices import Fit, Prices, Subject
 from cnca.scene.weather import KOSCHMIEDER, Fog, Weather
 
-CLEAR = Subject(Weather(), ground=0.2, paint=0.3, fog_path=8.0, coat=1.0, pixels_per_metre=30.0)
+CLEAR = Subject(
+    Weather(), ground=0.2, paint=0.3, fog_path=8.0, coat=1.0, glass=0.0, pixels_per_metre=30.0
+)
 FOGGY = replace(CLEAR, weather=Weather(fog=Fog(60.0, 40.0)))
 CONSTANT = (1.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -43,6 +45,7 @@ PRICES = Prices(
         "interreflection=4": fit(0.001),
         "materials=principled": fit(0.08),
         "materials=diffuse": fit(0.3),
+        "glass=dark": fit(0.5),
     },
     noise=Fit((*fit(0.1).weights, 0.0, -0.5), 0.0),
     seconds={
@@ -55,6 +58,7 @@ PRICES = Prices(
         "sun=disc": 0.06,
         "materials=principled": 0.03,
         "materials=coat": 0.04,
+        "glass=pane": 0.04,
     },
 )
 
@@ -67,6 +71,7 @@ def test_usual_models():
         "sky": "map",
         "interreflection": "2",
         "materials": "coat",
+        "glass": "dark",
         "gradient": "texture",
         "samples": "16",
     }
@@ -92,6 +97,11 @@ def test_what_the_scene_does_not_have_is_off(demand, weather, effect, model):
     assert row["error"] == 0
 
 
+def test_windows_are_panes_where_they_let_enough_light_through():
+    for glass, chosen in ((0.0, "dark"), (0.01, "dark"), (0.1, "pane")):
+        assert plan(replace(CLEAR, glass=glass), Demand(0.05), PRICES)["glass"] == chosen
+
+
 def test_a_matt_vehicle_has_no_coat():
     assert plan(replace(CLEAR, coat=0.0), Demand(reference=True))["materials"] == "principled"
     matt = plan(replace(CLEAR, coat=0.01), Demand(0.05), PRICES)
@@ -99,7 +109,7 @@ def test_a_matt_vehicle_has_no_coat():
 
 
 def test_reference_takes_the_best_of_everything():
-    chosen = plan(FOGGY, Demand(reference=True))
+    chosen = plan(replace(FOGGY, glass=0.1), Demand(reference=True))
     best = {effect: ladder[-1] for effect, ladder in LADDERS.items()}
     assert chosen.models == best | {"samples": "1024"}
 

@@ -10,10 +10,12 @@ import pytest
 
 from cnca.scene.materials import MATERIALS
 from cnca.scene.mesh import Part, Vehicle
-from cnca.scene.prices import QUANTILE, Subject, fit, mean_coat, shipped_prices
+from cnca.scene.prices import QUANTILE, Subject, fit, mean_over_area, shipped_prices
 from cnca.scene.weather import Fog, Weather
 
-SUBJECT = Subject(Weather(), ground=0.2, paint=0.3, fog_path=8.0, coat=1.0, pixels_per_metre=30.0)
+SUBJECT = Subject(
+    Weather(), ground=0.2, paint=0.3, fog_path=8.0, coat=1.0, glass=0.0, pixels_per_metre=30.0
+)
 
 
 def with_weather(**keys) -> Subject:
@@ -44,8 +46,12 @@ def test_coat_counts_by_area():
         for name, corners in (("paint", [0, 3, 4]), ("tyre", [0, 1, 2]))
     ]
     matt = replace(MATERIALS["paint"], clearcoat=0.0)
-    assert mean_coat(Vehicle("flat", tuple(parts))) == pytest.approx(0.75)
-    assert mean_coat(Vehicle("flat", tuple(parts), matt)) == 0
+
+    def coat(vehicle: Vehicle) -> float:
+        return mean_over_area(vehicle, lambda material: material.clearcoat)
+
+    assert coat(Vehicle("flat", tuple(parts))) == pytest.approx(0.75)
+    assert coat(Vehicle("flat", tuple(parts), matt)) == 0
 
 
 def test_features_are_finite_for_every_sun_and_fog():
