@@ -61,10 +61,10 @@ def main() -> None:
     options = parser.parse_args()
 
     scene = load_scene(options.scene)
-    vehicle, detector = build.build_vehicle(scene), build.build_detector(options.detector)
-    paint, label = build.build_paint(scene, vehicle), build.vehicle_label(detector.class_names)
+    vehicle, targets = build.build_vehicle(scene), build.build_targets([options.detector])
+    paint = build.build_paint(scene, vehicle)
     loop = build.build_loop_renderer(scene, vehicle, paint, backend="mitsuba", samples=16)
-    attack = Attack(scene, loop, paint, Texels(options.side), detector, label)
+    attack = Attack(scene, loop, paint, Texels(options.side), targets)
     settings = Settings(
         prompt="",
         tau=BOUND,
@@ -89,7 +89,8 @@ def main() -> None:
         "texels": paint.apply(texture),
     }
     renderer = build.build_renderer(scene, vehicle)
-    results = evaluate(renderer, detector, label, albedos, held_out_shots(scene, 24, 0))
+    shots = held_out_shots(scene, 24, 0)
+    results = evaluate(renderer, targets, albedos, shots)[targets[0].name]
     scores = {name: round(result.mean_score, 4) for name, result in results.items()}
     precision = {name: round(result.average_precision, 4) for name, result in results.items()}
     print(json.dumps({"score": scores, "AP@0.5": precision}))

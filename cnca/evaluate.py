@@ -12,6 +12,7 @@ from cnca.protocols import Detector, Renderer
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
 from cnca.scores import average_precision, detection_score
+from cnca.targets import Target
 from cnca.types import Boxes, Detections, LinearTexture, SrgbImages
 
 LEAST_SCORE = 0.01
@@ -64,32 +65,31 @@ def look(detector: Detector, images: SrgbImages) -> list[Detections]:
 
 def evaluate(
     renderer: Renderer,
-    detector: Detector,
-    label: int,
+    targets: Sequence[Target],
     albedos: Mapping[str, LinearTexture],
     shots: Shots,
     advance: Callable[[], None] = lambda: None,
-) -> dict[str, Result]:
-    """Look at every texture in every shot.
+) -> dict[str, dict[str, Result]]:
+    """Let every target look at every texture in every shot: name of target → of texture → result.
 
     Args:
-        label: index of the vehicle's class among the detector's.
         albedos: name → linear texture.
         advance: called after each rendered weather, for a progress bar.
     """
     boxes = torch.cat([renderer.vehicle_boxes(views) for views in shots.views])
-    results = {}
+    results: dict[str, dict[str, Result]] = {target.name: {} for target in targets}
     for name, albedo in albedos.items():
         images = []
         for weather in range(len(shots.weathers)):
             images.append(photograph(renderer, albedo, shots, weather))
             advance()
-        results[name] = _judge(detector, torch.cat(images), boxes, label)
+        for target in targets:
+            results[target.name][name] = _judge(target, torch.cat(images), boxes)
     return results
 
 
-def _judge(detector: Detector, images: SrgbImages, boxes: Boxes, label: int) -> Result:
-    found = look(detector, images)
+def _judge(target: Target, images: SrgbImages, boxes: Boxes) -> Result:
+    found, label = look(target.detector, images), target.label
     scores = [detection_score(d, box, label) for d, box in zip(found, boxes, strict=True)]
     truths = [box[None] for box in boxes]
     return Result(images, boxes, found, scores, average_precision(found, truths, label))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cnca import __version__
+from cnca.errors import RunError
 from cnca.files import replacing
 
 PACKAGES = ("mitsuba", "drjit", "torch", "diffusers", "transformers", "numpy", "scipy", "trimesh")
@@ -35,6 +36,14 @@ def hashes(paths: Iterable[Path]) -> dict[str, str]:
         for file in files:
             table[str(file)] = hashlib.sha256(file.read_bytes()).hexdigest()
     return table
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """What :func:`write_json` wrote; raises RunError where that cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RunError(f"{path}: damaged ({error}); delete it to begin this run anew") from None
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

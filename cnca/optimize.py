@@ -16,24 +16,26 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from cnca import parallel
+from cnca.best import Best, Validation
 from cnca.color import linear_to_srgb
-from cnca.errors import DetectorError, NonFiniteError, RunError, did_you_mean
+from cnca.errors import NonFiniteError, RunError, did_you_mean
 from cnca.gen.feature import CONCAT, START_SPREAD, UPDATES, check_kind, initial, project
-from cnca.loss import detection_loss
 from cnca.paint import Paint
-from cnca.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
+from cnca.protocols import LoopRenderer, Renderer, Residual, TextureGenerator
 from cnca.scene.cameras import View
 from cnca.scene.schema import Scene
-from cnca.scene.variation import draw_views, draw_weathers
+from cnca.scene.variation import draw_views, draw_weathers, in_blocks
 from cnca.scene.weather import Weather
+from cnca.targets import Target, look, numbers, objective, refuse_black_boxes
 from cnca.types import LinearImages, LinearTexture, SrgbTexture
 
 WEATHERS = 16
@@ -59,6 +61,10 @@ class Settings:
     """How F_adv moves, a key of :data:`cnca.gen.feature.UPDATES`."""
     full_overlap: float = 1.0
     """IoU from which a box counts in full in D_s: 1 is equation 11, 0.5 is what AP@0.5 asks."""
+    check_every: int = 0
+    """Steps between checks on validation views, whose best F_adv is the result; 0 for none."""
+    patience: int = 0
+    """Stop after so many checks in a row without gain; 0 goes on to the end."""
     seed: int = 0
     feature: str = CONCAT
     """What F_adv does to the text: ``concat`` is the paper's, ``replace`` the released code's."""
@@ -70,6 +76,11 @@ class Settings:
         for name in ("steps", "views_per_step", "view_pool", "learning_rate"):
             if not getattr(self, name) > 0:
                 raise RunError(f"{name} is {getattr(self, name)}: give a number above 0")
+        for name in ("check_every", "patience"):
+            if getattr(self, name) < 0:
+                raise RunError(f"{name} is {getattr(self, name)}: give 0 or more")
+        if self.patience and not self.check_every:
+            raise RunError(f"patience is {self.patience}: it counts checks; give check_every too")
         check_kind(self.feature)
         if self.update not in UPDATES:
             hint = did_you_mean(self.update, UPDATES)
@@ -77,10 +88,19 @@ class Settings:
         if not 0 < self.full_overlap <= 1:
             raise RunError(f"full_overlap is {self.full_overlap}: an IoU lies in (0, 1]")
 
+    @property
+    def pool_size(self) -> int:
+        """Number of views that the steps come back to: enough for one step in each weather."""
+        return max(self.view_pool, WEATHERS * self.views_per_step)
+
     def step_size(self, step: int) -> float:
         """The step size of step 0, 1, …, ``steps`` − 1."""
         share = 0.5 + 0.5 * math.cos(math.pi * step / self.steps) if self.decay else 1.0
         return share * self.learning_rate
+
+    def checks(self, done: int) -> bool:
+        """Whether a check follows when so many steps are done; the last step always has one."""
+        return self.check_every > 0 and (done % self.check_every == 0 or done == self.steps)
 
 
 @dataclass(frozen=True)
@@ -91,9 +111,8 @@ class Attack:
     renderer: Renderer
     paint: Paint
     generator: TextureGenerator
-    detector: Detector
-    label: int
-    """The detector's class that the vehicle belongs to."""
+    targets: Sequence[Target]
+    """The detectors to fool, one or more."""
     residual: Residual | None = None
 
     def texture(self, text_feature: Tensor, feature: Tensor, seed: int) -> SrgbTexture:
@@ -119,6 +138,12 @@ class Progress:
     step: int
     feature: Tensor
     optimizer: torch.optim.Optimizer
+    best: Best = field(default_factory=Best)
+
+    @property
+    def result(self) -> Tensor:
+        """The best F_adv of those that were checked, else the last."""
+        return self.feature.detach() if self.best.feature is None else self.best.feature
 
 
 def start(attack: Attack, settings: Settings) -> Progress:
@@ -136,25 +161,28 @@ def optimize(
     attack: Attack,
     settings: Settings,
     progress: Progress,
-    after_step: Callable[[Progress, dict[str, float]], None],
+    after_step: Callable[[Progress, dict[str, Any]], None],
 ) -> Tensor:
-    """Run the attack to its last step and return F_adv.
+    """Run the attack to its last step, or until checks bring nothing, and return F_adv.
 
-    ``after_step`` is given the progress and a record of the step: step, loss (L_adv), detection
-    score (mean of max D_s) and the seconds that each part took.
+    ``after_step`` is given the progress and a record of the step: step, loss (L_adv, weighted and
+    summed over the targets), detection score (mean of max D_s, likewise weighted), both again for
+    each target, the same of the validation views after a check, and the seconds of each part.
 
     Raises:
-        DetectorError: the detector gives no gradient.
+        DetectorError: a detector gives no gradient.
         NonFiniteError: the gradient of F_adv is not finite.
+        RunError: there are more processes than views in a step.
     """
-    if not attack.detector.differentiable:
-        raise DetectorError(f"detector {attack.detector.name}: gives no gradient; use a .cfg model")
+    refuse_black_boxes(attack.targets)
     text_feature = attack.generator.encode(settings.prompt)
     pool = draw_pool(attack.scene, settings)
-    feature, optimizer = progress.feature, progress.optimizer
-    while progress.step < settings.steps:
+    validation = Validation(attack, settings, text_feature)
+    feature, optimizer, best = progress.feature, progress.optimizer, progress.best
+    while progress.step < settings.steps and not best.exhausted(settings.patience):
         clock, step = Clock(), progress.step
-        views, weather = pool(step)
+        every, weather = pool(step)
+        views = parallel.share(every)
         seed = settings.seed * 1_000_003 + step
         boxes = attack.renderer.vehicle_boxes(views)
         with clock("generate"):
@@ -162,36 +190,49 @@ def optimize(
         with clock("render"):
             images = attack.render(albedo, views, weather, seed)
         with clock("detect"):
-            candidates = attack.detector.candidates(linear_to_srgb(images))
-        loss, scores = detection_loss(
-            candidates, boxes, attack.label, full_overlap=settings.full_overlap
-        )
+            seen = look(
+                attack.targets, linear_to_srgb(images), boxes, full_overlap=settings.full_overlap
+            )
 
         optimizer.zero_grad()
         with clock("backward"):
-            loss.backward()
+            seen = seen * len(views) / len(every)
+            objective(attack.targets, seen).backward()
+            parallel.add_up(feature.grad, seen)
         if feature.grad is None or not torch.isfinite(feature.grad).all():
-            raise NonFiniteError(f"step {step} (seed {seed}): the gradient of F_adv is not finite")
+            raise NonFiniteError(
+                f"step {step} (seed {seed}): the gradient of F_adv is not finite; "
+                "--resume tries this step again"
+            )
         optimizer.param_groups[0]["lr"] = settings.step_size(step)
         optimizer.step()
         with torch.no_grad():
             feature.copy_(project(feature, settings.tau))
 
         progress.step += 1
-        record = {"step": progress.step, "loss_adv": loss.item(), "D_s": scores.mean().item()}
+        record = {"step": progress.step, **numbers(attack.targets, seen)}
+        if settings.checks(progress.step):
+            with clock("check"):
+                record["validation"] = validation.look(feature)
+            best.offer(feature, record["validation"]["loss_adv"], progress.step)
         after_step(progress, record | clock.seconds())
-    return feature.detach()
+    return progress.result
 
 
 def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[View], Weather]]:
     """Return what each step looks at: views of one weather, the weathers taken in turn."""
     count = settings.views_per_step
+    if count < parallel.count():
+        raise RunError(
+            f"views_per_step is {count}: give each of the {parallel.count()} processes at least one"
+        )
     weathers = draw_weathers(scene, WEATHERS, seed=settings.seed)
-    every = draw_views(scene, max(settings.view_pool, WEATHERS * count), seed=settings.seed)
+    every = draw_views(scene, settings.pool_size, seed=settings.seed)
+    in_weather = in_blocks(every, WEATHERS)
 
     def step_views(step: int) -> tuple[list[View], Weather]:
         turn, k = divmod(step, WEATHERS)
-        own = every[k::WEATHERS]
+        own = in_weather[k]
         first = turn * count
         return [own[(first + i) % len(own)] for i in range(count)], weathers[k]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-import pickle
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,23 +16,24 @@ from typing import Any
 import torch
 from rich.console import Console
 
-from cnca import build, controls
+from cnca import build, checkpoint, controls, parallel
 from cnca.errors import RunError
 from cnca.evaluate import Result, Shots, evaluate
-from cnca.files import replacing
+from cnca.files import append_text, remove_unfinished, write_text
 from cnca.gen.feature import StoredFeature
-from cnca.manifest import hashes, versions, write_json
+from cnca.manifest import hashes, read_json, versions, write_json
 from cnca.optimize import Attack, Progress, Settings, optimize, start
-from cnca.pictures import as_pictures, draw_boxes, side_by_side, write_png
+from cnca.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.progress import bar
-from cnca.report import write_report
+from cnca.report import shown_views, write_report
 from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import Scene, load_scene
-from cnca.scene.variation import draw_views, draw_weathers
+from cnca.scene.variation import draw_views, draw_weathers, in_blocks
+from cnca.targets import Target, parse_targets
 
 HELD_OUT_SEED = 104_729
 """Added to a run's seed for the views that judge it: never those that trained it."""
-SHOWN_VIEWS = 4
+CHECKPOINT = "checkpoint.pt"
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Request:
     """What the command line asks for."""
 
     scene: Path
-    detector: str
+    detectors: tuple[str, ...]
+    """``NAME_OR_FILE[=WEIGHT]`` each; see :func:`cnca.targets.parse_targets`."""
     out: Path
     settings: Settings
     backend: str = "mitsuba"
@@ -75,16 +77,19 @@ def run(request: Request, console: Console) -> dict[str, Any]:
         RunError: the folder holds another run, or one that is not to be resumed.
     """
     scene = load_scene(request.scene)
-    attack = _assemble(request, scene)
-    progress = _open(request, attack, scene)
-    feature = _attack(request, attack, progress, console)
-    return _judge(request, attack, feature, console)
+    attack = assemble(request, scene)
+    progress = start(attack, request.settings)
+    parallel.by_first(lambda: _claim(request, scene))
+    if (request.out / CHECKPOINT).exists():
+        checkpoint.restore(progress, request.out / CHECKPOINT)
+    _attack(request, attack, progress, console)
+    return parallel.by_first(lambda: _judge(request, attack, progress, console))
 
 
-def _assemble(request: Request, scene: Scene) -> Attack:
+def assemble(request: Request, scene: Scene) -> Attack:
+    """The parts of the attack that the request names."""
     vehicle = build.build_vehicle(scene)
     paint = build.build_paint(scene, vehicle)
-    detector = build.build_detector(request.detector)
     return Attack(
         scene=scene,
         renderer=build.build_loop_renderer(
@@ -100,83 +105,59 @@ def _assemble(request: Request, scene: Scene) -> Attack:
             device=request.device,
             mixed_precision=request.mixed_precision,
         ),
-        detector=detector,
-        label=build.vehicle_label(detector.class_names),
+        targets=build.build_targets(request.detectors),
         residual=build.build_residual(request.efr),
     )
 
 
-def _open(request: Request, attack: Attack, scene: Scene) -> Progress:
-    """A new run folder, or the state in which an interrupted run was left."""
-    manifest, checkpoint = request.out / "manifest.json", request.out / "checkpoint.pt"
-    progress = start(attack, request.settings)
+def _claim(request: Request, scene: Scene) -> None:
+    """Begin a run folder, or see that it holds this run, which is to be resumed."""
+    manifest = request.out / "manifest.json"
     if manifest.exists() and not request.resume:
         raise RunError(f"{request.out}: already holds a run; add --resume or choose another --out")
     if manifest.exists():
-        before = json.loads(manifest.read_text(encoding="utf-8"))["request"]
+        before = read_json(manifest)["request"]
         now = request.as_dict()
         differing = [key for key in now if now[key] != before.get(key)]
         if differing:
             raise RunError(f"{request.out}: was started with another {', '.join(differing)}")
     else:
-        inputs = build.input_files(scene, request.scene, request.detector, request.generator)
+        names = parse_targets(request.detectors)
+        inputs = build.input_files(scene, request.scene, names, request.generator)
         content = {"request": request.as_dict(), "versions": versions(), "inputs": hashes(inputs)}
         write_json(manifest, content)
-    if checkpoint.exists():
-        _restore(progress, checkpoint)
-    return progress
+    remove_unfinished(request.out)
 
 
-def _restore(progress: Progress, checkpoint: Path) -> None:
-    try:
-        state = torch.load(checkpoint, weights_only=True)
-        progress.step = state["step"]
-        with torch.no_grad():
-            progress.feature.copy_(state["feature"])
-        progress.optimizer.load_state_dict(state["optimizer"])
-    except (OSError, RuntimeError, KeyError, EOFError, pickle.UnpicklingError) as error:
-        reason = str(error).splitlines()[0]
-        raise RunError(f"{checkpoint}: damaged ({reason}); delete it to start again") from None
-
-
-def _save(progress: Progress, checkpoint: Path) -> None:
-    state = {
-        "step": progress.step,
-        "feature": progress.feature.detach(),
-        "optimizer": progress.optimizer.state_dict(),
-    }
-    with replacing(checkpoint) as temporary:
-        torch.save(state, temporary)
-
-
-def _attack(request: Request, attack: Attack, progress: Progress, console: Console) -> torch.Tensor:
+def _attack(request: Request, attack: Attack, progress: Progress, console: Console) -> None:
     log = request.out / "log.jsonl"
-    _keep_lines(log, progress.step)
+    if parallel.rank() == 0:
+        _keep_lines(log, progress.step)
     with bar(console) as shown:
         task = shown.add_task("attack", total=request.settings.steps, completed=progress.step)
 
-        def after_step(progress: Progress, record: dict[str, float]) -> None:
-            with log.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(record) + "\n")
-            _save(progress, request.out / "checkpoint.pt")
+        def after_step(progress: Progress, record: dict[str, Any]) -> None:
+            if parallel.rank() == 0:
+                append_text(log, json.dumps(record) + "\n")
+                checkpoint.save(progress, request.out / CHECKPOINT)
             label = f"attack: L_adv {record['loss_adv']:.3f}, D_s {record['D_s']:.3f}"
             shown.update(task, completed=progress.step, description=label)
 
-        return optimize(attack, request.settings, progress, after_step)
+        optimize(attack, request.settings, progress, after_step)
 
 
 def _keep_lines(log: Path, count: int) -> None:
     """Drop records of steps that the checkpoint does not know: they are done again."""
     if log.exists():
         lines = log.read_text(encoding="utf-8").splitlines(keepends=True)[:count]
-        with replacing(log) as temporary:
-            temporary.write_text("".join(lines), encoding="utf-8")
+        write_text(log, "".join(lines))
 
 
 def _judge(
-    request: Request, attack: Attack, feature: torch.Tensor, console: Console
+    request: Request, attack: Attack, progress: Progress, console: Console
 ) -> dict[str, Any]:
     settings, scene, out = request.settings, attack.scene, request.out
+    feature = progress.result
     text_feature = attack.generator.encode(settings.prompt)
     with torch.no_grad():
         texture = attack.texture(text_feature, feature, settings.seed)
@@ -194,17 +175,18 @@ def _judge(
     renderer = build.build_renderer(scene, build.build_vehicle(scene), backend=request.backend)
     with bar(console) as shown:
         task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
-        results = evaluate(
-            renderer, attack.detector, attack.label, albedos, shots, lambda: shown.advance(task)
-        )
+        results = evaluate(renderer, attack.targets, albedos, shots, lambda: shown.advance(task))
     write_texture_srgb(out / "texture.png", texture.permute(1, 2, 0).numpy())
     write_texture_srgb(out / "texture_prompt.png", unattacked.permute(1, 2, 0).numpy())
     stored = StoredFeature(feature, settings.prompt, settings.tau, settings.feature)
     stored.save(out / "F_adv.safetensors")
-    write_png(out / "before_after.png", _before_after(results, attack.detector.class_names))
-    summary = _summarize(request, results)
+    first = attack.targets[0]
+    write_png(out / "before_after.png", _before_after(results[first.name], first))
+    summary = _summarize(request, attack.targets, results) | {"steps": progress.step}
+    if settings.check_every:
+        summary["best_step"] = progress.best.step
     write_json(out / "summary.json", summary)
-    write_report(out, request.as_dict(), summary)
+    write_report(out)
     return summary
 
 
@@ -212,31 +194,41 @@ def held_out_shots(scene: Scene, count: int, seed: int) -> Shots:
     """Views and weathers of the scene's ranges that the attack with this seed does not see."""
     weathers = draw_weathers(scene, max(1, min(8, count // 4)), seed=seed + HELD_OUT_SEED)
     views = draw_views(scene, count, seed=seed + HELD_OUT_SEED)
-    # Every len(weathers)-th view to one weather, so that each weather sees the car all around.
-    return Shots([views[i :: len(weathers)] for i in range(len(weathers))], weathers, seed)
+    return Shots(in_blocks(views, len(weathers)), weathers, seed)
 
 
-def _before_after(results: dict[str, Result], class_names: Any) -> Any:
+def _before_after(results: dict[str, Result], target: Target) -> SrgbPicture:
     """Rows: plain paint and camouflage; columns: views spread over the held-out set."""
     tiles, captions = [], []
     for name in ("before", "after"):
         result = results[name]
-        step = max(1, len(result.images) // SHOWN_VIEWS)
-        for i in range(0, step * min(SHOWN_VIEWS, len(result.images)), step):
+        for i in shown_views(len(result.images)):
             sure = result.detections[i].above(0.25)
             picture = as_pictures(result.images[i : i + 1])[0]
-            tiles.append(draw_boxes(picture, sure, class_names, result.boxes[i]))
+            tiles.append(draw_boxes(picture, sure, target.detector.class_names, result.boxes[i]))
             captions.append(f"{name}: score {result.scores[i]:.2f}")
     return side_by_side(tiles, captions, columns=len(tiles) // 2)
 
 
-def _summarize(request: Request, results: dict[str, Result]) -> dict[str, Any]:
-    scores = {name: round(result.mean_score, 4) for name, result in results.items()}
+def _summarize(
+    request: Request, targets: Sequence[Target], results: dict[str, dict[str, Result]]
+) -> dict[str, Any]:
+    """The numbers of the first target, then those of each by name."""
+    by_target = {t.name: {"weight": t.weight} | _numbers(results[t.name]) for t in targets}
+    first = targets[0].name
     return {
         "prompt": request.settings.prompt,
-        "detector": request.detector,
+        "detector": first,
         "scene": str(request.scene),
-        "held_out_views": len(results["before"].scores),
+        "held_out_views": len(results[first]["before"].scores),
+        **_numbers(results[first]),
+        "detectors": by_target,
+    }
+
+
+def _numbers(results: dict[str, Result]) -> dict[str, Any]:
+    scores = {name: round(result.mean_score, 4) for name, result in results.items()}
+    return {
         **{f"score_{name}": score for name, score in scores.items()},
         "ratio_to_shuffled": round(scores["after"] / max(scores["shuffled"], 1e-9), 4),
         "AP@0.5": {name: round(r.average_precision, 4) for name, r in results.items()},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from rich.console import Console
 from cnca.errors import RunError
 from cnca.files import replacing
 from cnca.gen.scorer import PromptScorer
-from cnca.manifest import write_json
+from cnca.manifest import read_json, write_json
 from cnca.naturalness import Naturalness, of_run
 from cnca.pictures import side_by_side, write_png
 from cnca.run import Request, run
@@ -55,10 +54,10 @@ def row(request: Request, label: str, scorer: PromptScorer, console: Console) ->
     """
     summary_file, manifest = request.out / "summary.json", request.out / "manifest.json"
     if summary_file.exists() and manifest.exists():
-        before = json.loads(manifest.read_text(encoding="utf-8"))["request"]
+        before = read_json(manifest)["request"]
         if before != request.as_dict():
             raise RunError(f"{request.out}: holds a run of another request; choose another --out")
-        summary = json.loads(summary_file.read_text(encoding="utf-8"))
+        summary = read_json(summary_file)
     else:
         console.print(f"{label}: {request.out}", soft_wrap=True)
         summary = run(replace(request, resume=True), console)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from cnca import parallel
 from cnca.errors import RunError
+from cnca.interrupts import resumable
 from cnca.optimize import Settings
 from cnca.report import MEANING
 from cnca.run import Request, run
@@ -45,14 +47,11 @@ def show_renders(
 def attack(request: Request) -> None:
     """Run an attack with progress, then say how it went and where everything is.
 
-    Ctrl-C ends with exit code 130 and the words that resume the run.
+    Ctrl-C or SIGTERM ends with the words that resume the run; see :mod:`cnca.interrupts`.
     """
-    console = Console(stderr=True)
-    try:
+    console = Console(stderr=True, quiet=parallel.rank() > 0)
+    with resumable(console, f"the same command with --resume goes on in {request.out}"):
         summary = run(request, console)
-    except KeyboardInterrupt:
-        console.print(f"interrupted; the same command with --resume goes on in {request.out}")
-        raise SystemExit(130) from None
     table = Table("texture", "detection score", "AP@0.5")
     for name, meaning in MEANING.items():
         precision = summary["AP@0.5"][name]
@@ -188,13 +187,10 @@ def photos(
 
 
 def _gather(work: Callable[[Any, Console], dict[str, Any]], request: Any) -> dict[str, Any]:
-    """Results of an evaluation; Ctrl-C ends with exit code 130, and the same command goes on."""
+    """Results of an evaluation; after an interruption the same command goes on."""
     console = Console(stderr=True)
-    try:
+    with resumable(console, f"the same command goes on in {request.out}"):
         return work(request, console)
-    except KeyboardInterrupt:
-        console.print(f"interrupted; the same command goes on in {request.out}")
-        raise SystemExit(130) from None
 
 
 def _evidence_table(results: dict[str, Any]) -> Table:
@@ -276,7 +272,7 @@ def demo(out: Path, steps: int) -> None:
     """The main job on the shipped sedan, generator and detector."""
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05, full_overlap=0.5)
-    attack(Request(DEMO_SCENE, "builtin", out, settings, gradient_steps=5, resume=resume))
+    attack(Request(DEMO_SCENE, ("builtin",), out, settings, gradient_steps=5, resume=resume))
 
 
 _RESULTS = {

@@ -1,6 +1,10 @@
 """``cnca optimize`` with what ships: the run folder, and going on after an interruption."""
 
+import errno
 import json
+import math
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,11 +12,13 @@ import pytest
 import torch
 from rich.console import Console
 
-from cnca import build, run
+from cnca import build, checkpoint, run
 from cnca.detect import BUILTIN_CONFIG
-from cnca.errors import RunError
+from cnca.detect.white_box import DarknetDetector
+from cnca.errors import NonFiniteError, RunError
 from cnca.gen.feature import StoredFeature
 from cnca.optimize import Settings
+from tests.gen.tiny import save_pipeline, tiny_pipeline
 
 SHIPPED = (
     build.SHIPPED_GENERATOR / "model_index.json",
@@ -33,15 +39,15 @@ class StopAfter:
     """Raises KeyboardInterrupt in place of a checkpoint's successor, as Ctrl-C would."""
 
     def __init__(self, monkeypatch, steps: int):
-        original, self.left = run._save, steps
+        original, self.left = checkpoint.save, steps
 
-        def save(progress, checkpoint):
-            original(progress, checkpoint)
+        def save(progress, path):
+            original(progress, path)
             self.left -= 1
             if self.left == 0:
                 raise KeyboardInterrupt
 
-        monkeypatch.setattr(run, "_save", save)
+        monkeypatch.setattr(checkpoint, "save", save)
 
 
 @pytest.fixture
@@ -66,9 +72,8 @@ def request_for(tmp_path):
         settings = Settings(
             "zebra strips", steps=steps, views_per_step=1, learning_rate=0.1, feature=feature
         )
-        return run.Request(
-            scene, "builtin", tmp_path / name, settings, samples=2, held_out_views=4, resume=resume
-        )
+        where = scene, ("builtin",), tmp_path / name
+        return run.Request(*where, settings, samples=2, held_out_views=4, resume=resume)
 
     return make
 
@@ -120,6 +125,60 @@ def test_a_resumed_run_keeps_its_kind_of_feature(request_for, monkeypatch):
     assert 0 < stored.feature.abs().max() <= stored.tau
 
 
+def test_a_read_only_folder_is_told_before_the_first_step(request_for, monkeypatch):
+    def refuse(*args, **kwargs):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(tempfile, "mkdtemp", refuse)
+    monkeypatch.setattr(run, "optimize", None)
+    with pytest.raises(RunError, match=r"manifest\.json: cannot be written \(Read-only file sys"):
+        run.run(request_for("readonly"), quiet())
+
+
+def test_a_detector_that_returns_nan_once_is_told_and_survived(request_for, tmp_path, monkeypatch):
+    calls, original = [], DarknetDetector.candidates
+
+    def candidates(self, images):
+        calls.append(len(images))
+        found = original(self, images)
+        return replace(found, objectness=found.objectness * (math.nan if len(calls) == 2 else 1))
+
+    monkeypatch.setattr(DarknetDetector, "candidates", candidates)
+    tiny = save_pipeline(tiny_pipeline(), tmp_path / "tiny")
+    request = replace(request_for("nan", steps=2), generator=tiny)
+    with pytest.raises(NonFiniteError, match=r"step 1 \(seed 1\): .* --resume tries this step"):
+        run.run(request, quiet())
+    run.run(replace(request, resume=True), quiet())
+    records = [json.loads(line) for line in (request.out / "log.jsonl").read_text().splitlines()]
+    assert [record["step"] for record in records] == [1, 2]
+    assert all(math.isfinite(record["loss_adv"]) for record in records)
+    assert StoredFeature.load(request.out / "F_adv.safetensors").feature.isfinite().all()
+
+
+def test_an_ensemble_is_judged_detector_by_detector(request_for, tmp_path):
+    twin = str(BUILTIN_CONFIG)
+    request = replace(
+        request_for("ensemble", steps=1),
+        detectors=("builtin", f"{twin}=0.5"),
+        generator=save_pipeline(tiny_pipeline(), tmp_path / "tiny"),
+    )
+    summary = run.run(request, quiet())
+    check_summary(summary)
+    assert summary["detector"] == "builtin"
+    both = summary["detectors"]
+    assert [own.pop("weight") for own in both.values()] == [1.0, 0.5]
+    assert both["builtin"] == both[twin]  # the same network by two names
+    assert both["builtin"].items() <= summary.items()
+    record = json.loads((request.out / "log.jsonl").read_text())
+    parts = record["targets"]
+    assert parts["builtin"] == parts[twin]
+    assert record["loss_adv"] == pytest.approx(1.5 * parts[twin]["loss_adv"])
+    assert record["D_s"] == pytest.approx(parts[twin]["D_s"])
+    manifest = json.loads((request.out / "manifest.json").read_text())
+    assert manifest["request"]["detectors"] == ["builtin", f"{twin}=0.5"]
+    assert f"Against {twin}" in (request.out / "report.html").read_text()
+
+
 def check_summary(summary):
     for name in ("before", "prompt", "random", "shuffled", "after"):
         assert 0 <= summary[f"score_{name}"] <= 1
@@ -134,17 +193,5 @@ def check_folder(out: Path):
     hashed = {Path(name).name for name in manifest["inputs"]}
     assert {"scene.yaml", "builtin.safetensors", "model_index.json"} <= hashed
     assert "<table>" in (out / "report.html").read_text()
-    for name in ("texture.png", "before_after.png", "curve.png"):
+    for name in ("texture.png", "before_after.png"):
         assert cv2.imread(str(out / name)) is not None
-
-
-def test_a_damaged_checkpoint_is_named(request_for, monkeypatch):
-    with monkeypatch.context() as patch:
-        StopAfter(patch, 1)
-        with pytest.raises(KeyboardInterrupt):
-            run.run(request_for("cut"), quiet())
-    request = request_for("cut", resume=True)
-    checkpoint = request.out / "checkpoint.pt"
-    checkpoint.write_bytes(checkpoint.read_bytes()[: checkpoint.stat().st_size // 2])
-    with pytest.raises(RunError, match=r"checkpoint\.pt: damaged"):
-        run.run(request, quiet())

@@ -3,7 +3,7 @@
 import pytest
 
 from cnca.errors import RunError
-from cnca.files import replacing
+from cnca.files import append_text, remove_unfinished, replacing
 
 
 def test_a_file_appears_only_when_it_is_complete(tmp_path):
@@ -35,3 +35,19 @@ def test_a_folder_that_is_a_file_is_one_clear_line(tmp_path):
     (tmp_path / "a").write_text("")
     with pytest.raises(RunError, match=r"a/b\.txt: cannot be written \(.*exists"):
         _write_half_and_fail(tmp_path / "a" / "b.txt")
+
+
+def test_text_is_appended_or_refused_in_one_line(tmp_path):
+    for line in ("one\n", "two\n"):
+        append_text(tmp_path / "log", line)
+    assert (tmp_path / "log").read_text() == "one\ntwo\n"
+    with pytest.raises(RunError, match=r"cannot be written \(Is a directory\); check disk"):
+        append_text(tmp_path, "three\n")
+
+
+def test_leftovers_of_a_killed_process_go(tmp_path):
+    (tmp_path / "a.txt").write_text("whole")
+    (tmp_path / ".writing-abc").mkdir()
+    (tmp_path / ".writing-abc" / "a.txt").write_text("half")
+    remove_unfinished(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]

@@ -1,65 +1,16 @@
 """The loop, with parts so simple that the outcome is known."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 import torch
 
 from cnca.errors import CncaError, DetectorError, GeneratorError, NonFiniteError, RunError
-from cnca.optimize import Attack, Settings, optimize, start
-from cnca.paint import Paint
+from cnca.optimize import WEATHERS, Settings, draw_pool, optimize, start
 from cnca.protocols import Detector, Renderer, TextureGenerator
 from cnca.scene.schema import Scene
-from cnca.types import Candidates
-
-
-@dataclass
-class GreyGenerator:
-    """A texture whose grey level is a sigmoid of the sum of F_adv."""
-
-    feature_shape: tuple[int, int] = (2, 3)
-
-    def encode(self, prompt):
-        return torch.zeros(2, 3)
-
-    def generate(self, text_feature, adversarial_feature, generator):
-        return adversarial_feature.sum().sigmoid().expand(3, 4, 4)
-
-
-class FlatRenderer:
-    """Every pixel of every view is the mean albedo."""
-
-    def render(self, albedo, views, weather, *, seed):
-        return albedo.mean().expand(len(views), 3, 8, 8)
-
-    def vehicle_boxes(self, views):
-        return torch.tensor([[1.0, 1.0, 6.0, 6.0]]).expand(len(views), 4)
-
-
-@dataclass
-class BrightnessDetector:
-    """Finds the vehicle, exactly, with a confidence that is the picture's brightness."""
-
-    name: str = "brightness"
-    class_names: tuple[str, ...] = ("car",)
-    differentiable: bool = True
-    broken: bool = False
-
-    def candidates(self, images):
-        score = images.mean(dim=(1, 2, 3))[:, None]
-        score = score * float("nan") if self.broken else score
-        boxes = torch.tensor([[[1.0, 1.0, 6.0, 6.0]]]).expand(len(images), 1, 4)
-        return Candidates(boxes, torch.ones_like(score), score[..., None])
-
-    def detect(self, images, *, score_threshold=0.25, iou_threshold=0.45):
-        raise NotImplementedError
-
-
-def attack(**detector) -> Attack:
-    paint = Paint(torch.full((3, 4, 4), 0.5), torch.ones(1, 4, 4))
-    parts = FlatRenderer(), paint, GreyGenerator(), BrightnessDetector(**detector)
-    return Attack(Scene(), *parts, label=0)
+from tests.fake_attack import FlatRenderer, attack
 
 
 def run(settings: Settings, progress=None, stop_after: int | None = None):
@@ -83,7 +34,7 @@ def test_fakes_keep_the_contracts():
     attacked = attack()
     assert isinstance(attacked.renderer, Renderer)
     assert isinstance(attacked.generator, TextureGenerator)
-    assert isinstance(attacked.detector, Detector)
+    assert isinstance(attacked.targets[0].detector, Detector)
 
 
 def test_lowers_the_score_and_says_so():
@@ -192,4 +143,32 @@ def test_a_negative_bound_is_refused():
 @pytest.mark.parametrize("wrong", [{"steps": 0}, {"views_per_step": 0}, {"learning_rate": -1.0}])
 def test_empty_attacks_are_refused(wrong):
     with pytest.raises(RunError, match="above 0"):
+        Settings("grey", **wrong)
+
+
+def test_the_views_of_a_step_see_the_car_all_around():
+    pool = draw_pool(Scene(), Settings("grey", views_per_step=8, view_pool=256))
+    for step in (0, 5, WEATHERS + 3):
+        views, _ = pool(step)
+        azimuths = [math.degrees(math.atan2(v.origin[1], v.origin[0])) % 360 for v in views]
+        assert sorted(int(azimuth // 45) for azimuth in azimuths) == list(range(8))
+
+
+def test_the_pool_comes_back_to_its_views():
+    pool = draw_pool(Scene(), Settings("grey", views_per_step=8, view_pool=256))
+    seen = {view for step in range(2 * WEATHERS) for view in pool(step)[0]}
+    assert len(seen) == 256
+    assert pool(2 * WEATHERS) == pool(0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"check_every": -1}, "check_every is -1: give 0 or more"),
+        ({"patience": -1}, "patience is -1: give 0 or more"),
+        ({"patience": 2}, "it counts checks; give check_every too"),
+    ],
+)
+def test_checks_that_are_none(wrong, words):
+    with pytest.raises(RunError, match=words):
         Settings("grey", **wrong)

@@ -50,7 +50,7 @@ def started(monkeypatch) -> list[Request]:
 
 @pytest.fixture
 def request_(tmp_path) -> Request:
-    return Request(Path("scene.yaml"), "builtin", tmp_path / "table", Settings("zebra"))
+    return Request(Path("scene.yaml"), ("builtin",), tmp_path / "table", Settings("zebra"))
 
 
 def test_tradeoff_writes_the_papers_table_and_goes_on_where_it_was(started, request_):

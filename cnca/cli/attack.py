@@ -26,11 +26,24 @@ def optimize(
     ] = None,
     scorer: Scorer = None,
     resume: Resume = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only measure some steps and say what all will take.")
+    ] = False,
 ) -> None:
-    """Search the camouflage that a detector misses, and judge it on held-out views."""
-    from cnca import terminal
+    """Search the camouflage that a detector misses, and judge it on held-out views.
 
-    terminal.optimize(options.request(prompt, resume=resume), tau, min_prompt_score, scorer)
+    Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the views of each step.
+    """
+    from cnca import parallel, terminal
+
+    with parallel.joined():
+        request = options.request(prompt, resume=resume)
+        if dry_run:
+            from cnca.forecast import dry_run as forecast
+
+            forecast(request, tau)
+        else:
+            terminal.optimize(request, tau, min_prompt_score, scorer)
 
 
 @app.command()

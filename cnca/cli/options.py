@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from cnca.cli.run_file import Config
+
 if TYPE_CHECKING:
     from cnca.run import Request
 
@@ -63,9 +65,15 @@ class AttackOptions:
 
     scene: Annotated[Path, typer.Option(help="Scene file.")]
     out: Annotated[Path, typer.Option(help="Folder of the run.")]
-    detector: Annotated[str, typer.Option(help="builtin, or a file: see docs/detectors.md.")] = (
-        "builtin"
-    )
+    detector: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME_OR_FILE[=WEIGHT]",
+            help="builtin (the default), or a file: see docs/detectors.md; repeatable: losses are "
+            "summed by weight. A number behind the last = is the weight; end a name that itself "
+            "ends so with =1.",
+        ),
+    ] = None
     backend: Annotated[str, typer.Option(help="Renderer: mitsuba, cached or raster.")] = "mitsuba"
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100
     views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 8
@@ -93,7 +101,14 @@ class AttackOptions:
     ] = False
     spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 16
     held_out_views: Annotated[int, typer.Option(help="Views that judge the result.")] = 24
+    check_every: Annotated[
+        int, typer.Option(help="Steps between checks on views of their own; keeps the best F_adv.")
+    ] = 0
+    patience: Annotated[
+        int, typer.Option(help="Stop after so many checks in a row without gain; 0 never stops.")
+    ] = 0
     seed: Seed = 0
+    config: Config = None
 
     def request(self, prompt: str, *, resume: bool = False) -> Request:
         """The attack with this prompt, under the bound τ = 1."""
@@ -108,12 +123,14 @@ class AttackOptions:
             decay=self.decay,
             update=self.update,
             full_overlap=self.full_overlap,
+            check_every=self.check_every,
+            patience=self.patience,
             seed=self.seed,
             feature=self.feature,
         )
         return Request(
             self.scene,
-            self.detector,
+            tuple(self.detector or ["builtin"]),
             self.out,
             settings,
             backend=self.backend,

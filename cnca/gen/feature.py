@@ -17,10 +17,11 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from cnca.errors import GeneratorError, did_you_mean
+from cnca.files import replacing
 
 CONCAT, REPLACE = "concat", "replace"
 KINDS = (CONCAT, REPLACE)
@@ -100,11 +101,11 @@ class StoredFeature:
     kind: str = CONCAT
 
     def save(self, path: Path) -> None:
-        """Write a safetensors file; a reader never sees half of it."""
-        unfinished = path.with_name(path.name + ".tmp")
+        """Write a safetensors file whole or not at all; raises RunError if that cannot be done."""
         metadata = {"prompt": self.prompt, "tau": repr(float(self.tau)), "feature": self.kind}
-        save_file({"F_adv": self.feature.detach().contiguous()}, unfinished, metadata)
-        unfinished.replace(path)
+        content = save({"F_adv": self.feature.detach().contiguous()}, metadata)
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
 
     @classmethod
     def load(cls, path: Path) -> StoredFeature:

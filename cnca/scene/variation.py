@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import qmc
@@ -10,6 +12,8 @@ from scipy.stats import qmc
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog, Weather
+
+Drawn = TypeVar("Drawn")
 
 
 def draw_views(scene: Scene, count: int, *, seed: int, start: int = 0) -> list[View]:
@@ -51,6 +55,16 @@ def draw_weathers(scene: Scene, count: int, *, seed: int) -> list[Weather]:
             dataclasses.replace(own, sun_altitude=altitude, sun_azimuth=azimuth, fog=fog)
         )
     return weathers
+
+
+def in_blocks(drawn: Sequence[Drawn], count: int) -> list[Sequence[Drawn]]:
+    """Divide what was drawn into ``count`` blocks of neighbours, each spread as evenly as can be.
+
+    Taking every so-manieth instead would give points that share their leading binary digits: with
+    16 blocks, views from a sixteenth of the circle each.
+    """
+    ends = [len(drawn) * k // count for k in range(count + 1)]
+    return [drawn[low:high] for low, high in zip(ends, ends[1:], strict=False)]
 
 
 def _draw(spans: list[tuple[float, float]], count: int, seed: int, start: int) -> list[list[float]]:

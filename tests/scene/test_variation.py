@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import qmc
 
 from cnca.scene.schema import Scene
-from cnca.scene.variation import draw_views, draw_weathers
+from cnca.scene.variation import draw_views, draw_weathers, in_blocks
 
 SCENE = Scene.model_validate(
     {
@@ -95,3 +96,27 @@ def test_a_range_of_one_value_draws_that_value():
 def test_nothing_can_be_drawn(start):
     assert draw_views(SCENE, 0, seed=0, start=start) == []
     assert draw_weathers(SCENE, 0, seed=0) == []
+
+
+def unit(views) -> np.ndarray:
+    """Views as points of the unit cube."""
+    low, high = np.array([(10, 250), (5, 40), (6, 12)]).T
+    return ((np.array([spherical(v) for v in views]) - low) / (high - low)).clip(0, 1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_views_are_spread_more_evenly_than_at_random(seed):
+    """Also the views of one weather, which are a block of the sequence."""
+    views, chance = draw_views(SCENE, 256, seed=seed), np.random.default_rng(seed)
+    random = [qmc.discrepancy(chance.random((256, 3))) for _ in range(100)]
+    assert qmc.discrepancy(unit(views)) < min(random)
+    random = [qmc.discrepancy(chance.random((16, 3))) for _ in range(100)]
+    for block in in_blocks(views, 16):
+        assert qmc.discrepancy(unit(block)) < np.median(random)
+
+
+def test_blocks_hold_everything_once_in_order():
+    for count in (1, 3, 7):
+        blocks = in_blocks(range(24), count)
+        assert [i for block in blocks for i in block] == list(range(24))
+        assert max(map(len, blocks)) - min(map(len, blocks)) <= 1
