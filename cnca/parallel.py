@@ -1,0 +1,81 @@
+"""One attack in several processes that ``torchrun`` started; alone, nothing here does anything.
+
+Each process looks at its share of a step's views; the gradients of F_adv are summed, and all take
+the same step.  Only the first writes.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from datetime import timedelta
+from typing import TypeVar
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+LAUNCHED = "TORCHELASTIC_RUN_ID"
+"""Set by torchrun."""
+PATIENCE = timedelta(days=1)
+"""For the others, while one judges; a process that dies is noticed by torchrun, at once."""
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@contextmanager
+def joined() -> Iterator[None]:
+    """Join the processes that torchrun started, if it did; all but the first print nothing."""
+    if LAUNCHED not in os.environ:
+        yield
+        return
+    _keep_to_own_cores()
+    dist.init_process_group(timeout=PATIENCE)
+    try:
+        with redirect_stdout(io.StringIO()) if rank() else nullcontext():
+            yield
+    finally:
+        dist.destroy_process_group()
+
+
+def rank() -> int:
+    """Number of this process; 0 is the first."""
+    return dist.get_rank() if dist.is_initialized() else 0
+
+
+def count() -> int:
+    """Number of processes."""
+    return dist.get_world_size() if dist.is_initialized() else 1
+
+
+def share(items: Sequence[Item]) -> Sequence[Item]:
+    """This process's items; alone, all of them."""
+    return items[rank() :: count()]
+
+
+def add_up(*values: Tensor | None) -> None:
+    """Replace each tensor by its sum over all processes."""
+    for value in values:
+        if count() > 1 and value is not None:
+            dist.all_reduce(value.detach())
+
+
+def by_first(work: Callable[[], Result]) -> Result:
+    """Let the first process alone do ``work``; all get what it returns."""
+    if count() == 1:
+        return work()
+    box = [work() if rank() == 0 else None]
+    dist.broadcast_object_list(box)
+    return box[0]  # type: ignore[return-value]
+
+
+def _keep_to_own_cores() -> None:
+    """Or the renderers of all processes would start as many threads as there are cores, each."""
+    cores = sorted(os.sched_getaffinity(0))
+    own = cores[int(os.environ["LOCAL_RANK"]) :: int(os.environ["LOCAL_WORLD_SIZE"])]
+    if own:
+        os.sched_setaffinity(0, own)
+        torch.set_num_threads(len(own))

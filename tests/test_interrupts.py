@@ -1,0 +1,24 @@
+"""SIGTERM and Ctrl-C: the words that go on, the exit code, and the handler given back."""
+
+import os
+import signal
+
+import pytest
+from rich.console import Console
+
+from cnca.interrupts import resumable
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signals_end_with_their_code_and_the_advice(capsys, number, code):
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended, resumable(Console(stderr=True), "do it again"):
+        os.kill(os.getpid(), number)
+    assert ended.value.code == code
+    assert capsys.readouterr().err == "interrupted; do it again\n"
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_other_errors_pass():
+    with pytest.raises(ZeroDivisionError), resumable(Console(quiet=True), "do it again"):
+        raise ZeroDivisionError
