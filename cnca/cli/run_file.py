@@ -1,0 +1,50 @@
+"""A YAML file with the flags of a command: ``--config RUN.yaml``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cnca.errors import RunError, did_you_mean
+
+
+def _read(context: typer.Context, file: Path | None) -> Path | None:
+    """Let what the file says stand in for flags that are not given.
+
+    Raises RunError where the file cannot be read or a key in it is no flag of the command.
+    """
+    if file is not None:
+        flags = [flag.name or "" for flag in context.command.params if flag.name != "config"]
+        given = {str(key).replace("-", "_"): value for key, value in _content(file).items()}
+        for key in given:
+            if key not in flags:
+                hint = did_you_mean(key, flags)
+                raise RunError(f"{file}: {key}: not a flag of cnca {context.info_name}{hint}")
+        context.default_map = given
+    return file
+
+
+def _content(file: Path) -> dict[Any, Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise RunError(f"{file}: cannot be read as YAML: {reason}") from None
+    if not isinstance(content, dict):
+        raise RunError(f"{file}: a run file maps flags to values, got {content!r:.60}")
+    return content
+
+
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        callback=_read,
+        is_eager=True,
+        help="YAML file with flags, such as steps: 220; flags that are given go before it.",
+    ),
+]
