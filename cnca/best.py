@@ -11,6 +11,7 @@ from torch import Tensor
 
 from cnca import parallel
 from cnca.color import linear_to_srgb
+from cnca.errors import NonFiniteError
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.targets import look, numbers
 
@@ -35,7 +36,11 @@ class Best:
     """Checks since then."""
 
     def offer(self, feature: Tensor, loss: float, step: int) -> None:
-        """Keep this F_adv if it is better than all before."""
+        """Keep this F_adv if it is better than all before; raises NonFiniteError for no number."""
+        if not math.isfinite(loss):
+            raise NonFiniteError(
+                f"check after step {step}: the loss is not finite; --resume tries it again"
+            )
         if loss < self.loss:
             self.feature, self.loss, self.step = feature.detach().clone(), loss, step
             self.misses = 0

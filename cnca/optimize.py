@@ -124,7 +124,7 @@ class Attack:
         self, albedo: LinearTexture, views: list[View], weather: Weather, seed: int
     ) -> LinearImages:
         """The images that the detector sees, corrected by the residual where there is one."""
-        images = self.renderer.render(albedo, views, weather, seed=seed)
+        images = parallel.render(self.renderer, albedo, views, weather, seed=seed)
         if self.residual is None:
             return images
         assert isinstance(self.renderer, LoopRenderer)

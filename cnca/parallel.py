@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from datetime import timedelta
@@ -16,6 +17,11 @@ from typing import TypeVar
 import torch
 import torch.distributed as dist
 from torch import Tensor
+
+from cnca.protocols import Renderer
+from cnca.scene.cameras import View
+from cnca.scene.weather import Weather
+from cnca.types import LinearImages, LinearTexture
 
 LAUNCHED = "TORCHELASTIC_RUN_ID"
 """Set by torchrun."""
@@ -61,6 +67,21 @@ def add_up(*values: Tensor | None) -> None:
     for value in values:
         if count() > 1 and value is not None:
             dist.all_reduce(value.detach())
+
+
+def render(
+    renderer: Renderer, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
+) -> LinearImages:
+    """``renderer.render``; under torchrun with noise that belongs to the view alone.
+
+    In one call the noise of a view depends on the views beside it, and so on the number of
+    processes.  One call each takes longer where pictures are small.
+    """
+    if not dist.is_initialized():
+        return renderer.render(albedo, views, weather, seed=seed)
+    seeds = [seed + zlib.crc32(repr(view).encode()) for view in views]
+    pairs = zip(views, seeds, strict=True)
+    return torch.cat([renderer.render(albedo, [view], weather, seed=own) for view, own in pairs])
 
 
 def by_first(work: Callable[[], Result]) -> Result:

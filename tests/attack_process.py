@@ -62,7 +62,7 @@ class AttackProcess:
 
     def finish(self, out: Path, *more: str, **environment: str) -> None:
         process = self.start(out, *more, **environment)
-        _, complaint = process.communicate(timeout=300)
+        _, complaint = process.communicate(timeout=900)
         assert process.returncode == 0, complaint
 
 

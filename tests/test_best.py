@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from cnca import checkpoint
-from cnca.best import Validation
+from cnca.best import Best, Validation
+from cnca.errors import NonFiniteError
 from cnca.optimize import Settings, draw_pool, optimize, start
 from cnca.run import held_out_shots
 from cnca.scene.schema import Scene
@@ -61,6 +62,11 @@ def test_patience_ends_the_search():
 def test_checks_come_every_so_many_steps_and_at_the_end():
     _, records = search(replace(SETTINGS, check_every=4))
     assert [r["step"] for r in records if "validation" in r] == [4, 8, 9]
+
+
+def test_a_check_that_brings_no_number_is_told():
+    with pytest.raises(NonFiniteError, match="check after step 3: the loss is not finite"):
+        Best().offer(torch.zeros(2), float("nan"), 3)
 
 
 @pytest.mark.parametrize("stop_after", [1, 2, 4])
