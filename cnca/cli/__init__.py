@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from cnca.cli import attack, data, evidence, render, train  # noqa: F401  (they register commands)
+from cnca.cli import attack, data, evidence, render, report, rerun, train, vehicle  # noqa: F401
 from cnca.cli.app import app
 from cnca.errors import CncaError
 

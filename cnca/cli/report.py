@@ -1,0 +1,85 @@
+"""Commands that show results to people, and ask people about them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cnca.cli.app import app
+
+survey = typer.Typer(help="Ask people how natural pictures look: the paper's appendix A.")
+app.add_typer(survey, name="survey")
+
+Folder = Annotated[Path, typer.Argument(help="The --out of cnca survey build.")]
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(help="The --out of a command that has ended.")],
+    turntable: Annotated[
+        int, typer.Option(help="Frames around the vehicle, rendered once; 0 for none.")
+    ] = 24,
+) -> None:
+    """Gather a run's results in one HTML file: pictures, curves, tables, manifest."""
+    from rich.console import Console
+
+    from cnca.report import write_report
+    from cnca.report.turntable import turntables
+
+    typer.echo(write_report(folder, turntables(folder, turntable, Console(stderr=True))))
+
+
+@survey.command("build")
+def build_survey(
+    images: Annotated[
+        list[str],
+        typer.Option(
+            help="[NAME=]PATH: a folder with one folder for each source, the pictures of one "
+            "source, or one picture; repeatable."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the survey.")],
+    question: Annotated[
+        str | None, typer.Option(help="What is asked; by default how natural the vehicle looks.")
+    ] = None,
+) -> None:
+    """Make the survey's page, which works as a file and with cnca survey serve."""
+    from cnca.survey.build import build_survey, uneven
+
+    survey = build_survey(images, out, question=question)
+    odd = uneven(survey)
+    if odd is not None:
+        typer.echo(f"note: {odd} lacks views (file names) that others have", err=True)
+    typer.echo(f"{len(survey.sources)} pictures: {out / 'index.html'}")
+
+
+@survey.command("serve")
+def serve_survey(
+    folder: Folder,
+    port: Annotated[int, typer.Option(help="0 takes any that is free.")] = 8000,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; by default only this machine reaches it.")
+    ] = "127.0.0.1",
+) -> None:
+    """Hand out the page and collect the answers, until Ctrl-C."""
+    from cnca.survey.serve import SurveyServer
+
+    with SurveyServer(folder, host=host, port=port) as server:
+        typer.echo(f"http://{host}:{server.server_port}/ – Ctrl-C ends it")
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo(f"{len(server.store.sheets())} participants so far")
+
+
+@survey.command("score")
+def score_survey(folder: Folder) -> None:
+    """Score the answers: mean ± standard deviation by source, tests, the paper's Table 4."""
+    from cnca.survey.score import score_survey
+
+    score_survey(folder)
+    typer.echo((folder / "score.md").read_text(encoding="utf-8"))
+    for ending in ("md", "tex", "json"):
+        typer.echo(folder / f"score.{ending}")

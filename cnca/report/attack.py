@@ -1,0 +1,134 @@
+"""The parts of a ``cnca optimize``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from markupsafe import Markup
+
+from cnca.bootstrap import Sampled, resample
+from cnca.evidence_report import cell, table
+from cnca.pictures import CAPTION_HEIGHT, SrgbPicture
+from cnca.report import MEANING, shown_views
+from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip
+from cnca.report.curves import draw
+from cnca.report.markdown import as_html
+from cnca.scene.images import read_texture_srgb
+from cnca.webpage import file_uri, jpeg_uri
+
+PARTS_OF_A_STEP = ("generate", "render", "detect", "backward")
+
+
+def attack_parts(folder: Path, summary: Mapping[str, Any]) -> list[Part]:
+    """Verdict, slider, textures, curves and seconds."""
+    lines = (folder / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    records = [json.loads(line) for line in lines]
+    title = f"“{summary['prompt']}” against {summary['detector']}"
+    _, *others = summary.get("detectors", {"": {}}).items()
+    return [
+        Part(title, [Prose(as_html(_verdict(summary)))]),
+        *(
+            Part(f"Against {name}", [Prose(as_html(_verdict({**summary, **numbers})))])
+            for name, numbers in others
+        ),
+        Part("Before and after", [before_after([("camouflage", folder, summary)])]),
+        Part("Texture", [_textures(folder)]),
+        *([Part("Steps", _steps(records))] if records else []),
+    ]
+
+
+def before_after(runs: Sequence[tuple[str, Path, Mapping[str, Any]]]) -> Slider:
+    """Plain paint on the left, the camouflage of each run (name, folder, summary) on the right."""
+    rights = []
+    for name, folder, summary in runs:
+        befores, afters = _tiles(folder, summary)
+        rights.append(_strip(name, afters, summary, "after"))
+        if len(rights) == 1:
+            left = _strip(MEANING["before"], befores, summary, "before")
+            height, width = befores[0].shape[:2]
+    return Slider(left, rights, width, height)
+
+
+def _verdict(summary: Mapping[str, Any]) -> str:
+    """Scores with intervals over the held-out views, as Markdown."""
+    scores = summary["scores_per_view"]
+    weights = resample([summary["held_out_views"]], seed=0)
+    shares = weights / weights.sum(dim=1, keepdim=True)
+    means = {n: shares @ torch.tensor(scores[n], dtype=torch.float64) for n in MEANING}
+    rows = [
+        [meaning, cell(Sampled(means[name]).as_dict()), f"{summary['AP@0.5'][name]:.3f}"]
+        for name, meaning in MEANING.items()
+    ]
+    ratio = cell(Sampled(means["after"] / means["shuffled"]).as_dict(), digits=2)
+    return (
+        f"Scene {summary['scene']}. Scores are means over {summary['held_out_views']} held-out "
+        "views: the highest confidence among detections of the class that overlap the vehicle's "
+        "box by at least one half. In brackets: 95 %, percentile bootstrap over these views.\n\n"
+        f"{table(['texture', 'detection score', 'AP@0.5'], rows)}\n"
+        f"Camouflage over shuffled control: **{ratio}**. A loud texture alone can fool a small "
+        "detector; only what goes beyond the controls is the attack.\n"
+    )
+
+
+def _tiles(folder: Path, summary: Mapping[str, Any]) -> tuple[list[SrgbPicture], ...]:
+    """The pictures of ``before_after.png``, a contact sheet of two rows, without their captions."""
+    sheet = (read_texture_srgb(folder / "before_after.png") * 255).round().astype(np.uint8)
+    height, columns = sheet.shape[0] // 2, len(shown_views(summary["held_out_views"]))
+    width = sheet.shape[1] // columns
+    return tuple(
+        [
+            sheet[top + CAPTION_HEIGHT : top + height, left * width : (left + 1) * width]
+            for left in range(columns)
+        ]
+        for top in (0, height)
+    )
+
+
+def _strip(name: str, tiles: Sequence[SrgbPicture], summary: Mapping[str, Any], row: str) -> Strip:
+    views = shown_views(summary["held_out_views"])
+    scores = [summary["scores_per_view"][row][view] for view in views]
+    captions = [f"{name}: score {score:.2f}" for score in scores]
+    return Strip(
+        name,
+        [
+            Picture(jpeg_uri(tile), f"view {number} with detections; {caption}", caption)
+            for number, (tile, caption) in enumerate(zip(tiles, captions, strict=True), 1)
+        ],
+    )
+
+
+def _textures(folder: Path) -> Gallery:
+    words = {"texture_prompt.png": "the prompt alone", "texture.png": "with F_adv"}
+    return Gallery(
+        [Picture(file_uri(folder / name), f"texture, {text}", text) for name, text in words.items()]
+    )
+
+
+def _steps(records: Sequence[Mapping[str, float]]) -> list[Prose]:
+    steps = [int(record["step"]) for record in records]
+    score = draw(steps, [record["D_s"] for record in records], "detection score, D_s")
+    loss = draw(steps, [record["loss_adv"] for record in records], "loss, L_adv")
+    curves = Markup('<div class="gallery">{}{}</div>').format(score, loss)
+    return [Prose(curves), Prose(as_html(_seconds(records)))]
+
+
+def _seconds(records: Sequence[Mapping[str, float]]) -> str:
+    """What the parts of a step take, as Markdown; the first step compiles and stands apart."""
+    first, later = records[0], records[1:] or records
+    total = np.array([record["seconds_total"] for record in later])
+    parts = {n: np.array([r[f"seconds_{n}"] for r in later]) for n in PARTS_OF_A_STEP}
+    parts["all else"] = total - sum(parts.values())
+    rows = [
+        [name, f"{own.mean():.2f}", f"{own.std():.2f}", f"{own.sum() / total.sum():.0%}"]
+        for name, own in (parts | {"whole step": total}).items()
+    ]
+    return (
+        f"{len(records)} steps took {(total.sum() + first['seconds_total']) / 60:.1f} minutes, the "
+        f"first {first['seconds_total']:.1f} s. The others:\n\n"
+        + table(["part of a step", "mean, s", "standard deviation", "share"], rows)
+    )

@@ -1,0 +1,91 @@
+"""From the files of a run's folder to the parts of its report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cnca.errors import RunError
+from cnca.evidence_report import table
+from cnca.report.attack import attack_parts
+from cnca.report.blocks import Details, Gallery, Part, Picture, Prose
+from cnca.report.comparison import TITLES, comparison_parts
+from cnca.report.evidence import evidence_parts
+from cnca.report.markdown import as_html
+from cnca.webpage import file_uri
+
+Reader = Callable[[Path, Mapping[str, Any]], list[Part]]
+
+
+def read_parts(folder: Path) -> list[Part]:
+    """All that the folder holds, the most telling part first.
+
+    Raises:
+        RunError: it holds no finished run, or one whose files are damaged.
+    """
+    found = [name for name in READERS if (folder / name).is_file()]
+    if not found:
+        raise RunError(
+            f"{folder}: holds no finished run (none of {', '.join(READERS)}); "
+            "give the --out of a command that has ended"
+        )
+    parts = [part for name in found for part in _read(folder / name, READERS[name])]
+    if (folder / "manifest.json").is_file():
+        parts += _read(folder / "manifest.json", _manifest)
+    return parts
+
+
+def _read(path: Path, reader: Reader) -> list[Part]:
+    try:
+        return reader(path.parent, json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise RunError(f"{path}: damaged or not complete ({reason}); run it again") from error
+
+
+def _prices(folder: Path, _content: Mapping[str, Any], *, name: str, title: str) -> list[Part]:
+    """A price list: its picture and its table."""
+    numbers = as_html((folder / f"{name}.md").read_text(encoding="utf-8"))
+    picture = Picture(file_uri(folder / f"{name}.png"), f"{title}, drawn from the table below")
+    return [Part(title, [Gallery([picture]), Prose(numbers)])]
+
+
+def _manifest(_folder: Path, content: Mapping[str, Any]) -> list[Part]:
+    """What was asked for, what ran, and what was read."""
+    asked = content["request"]
+    plain = {key: value for key, value in asked.items() if not isinstance(value, dict)}
+    nested = {
+        key: value for own in asked.values() if isinstance(own, dict) for key, value in own.items()
+    }
+    request = [[f"`{key}`", _words(value)] for key, value in (plain | nested).items()]
+    versions = [[name, version] for name, version in content["versions"].items()]
+    inputs = [[f"`{name}`", f"`{digest}`"] for name, digest in content["inputs"].items()]
+    return [
+        Part(
+            "Manifest",
+            [
+                Prose(as_html(table(["asked for", "value"], request))),
+                Details("Versions", as_html(table(["package", "version"], versions))),
+                Details("Files read", as_html(table(["file", "SHA-256"], inputs))),
+            ],
+        )
+    ]
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return "–"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+READERS: dict[str, Reader] = {
+    "summary.json": attack_parts,
+    "results.json": evidence_parts,
+    "accuracy.json": partial(_prices, name="accuracy", title="What accuracy costs"),
+    "generator.json": partial(_prices, name="generator", title="What the gradient costs"),
+    **{f"{name}.json": partial(comparison_parts, name=name) for name in TITLES},
+}
+"""File that a finished command leaves → what makes its parts."""
