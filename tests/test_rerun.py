@@ -1,0 +1,86 @@
+"""``cnca rerun``: a manifest is enough to come to the same texture."""
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from rich.console import Console
+
+from cnca import run
+from cnca.errors import RunError
+from cnca.gen.feature import StoredFeature
+from cnca.optimize import Settings
+from cnca.rerun import read_request, rerun
+from tests.test_attack_run import SCENE, one_thread  # noqa: F401  (a fixture)
+
+QUIET = Console(quiet=True)
+
+
+@pytest.fixture
+def request_(tmp_path) -> run.Request:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    settings = Settings("zebra strips", tau=0.5, steps=2, views_per_step=1, learning_rate=0.1)
+    return run.Request(
+        scene, ("builtin",), tmp_path / "first", settings, samples=2, held_out_views=1
+    )
+
+
+@pytest.mark.usefixtures("one_thread")
+def test_the_texture_is_the_same_to_the_bit(request_, tmp_path):
+    summary = run.run(request_, QUIET)
+    manifest, out = request_.out / "manifest.json", tmp_path / "again"
+    again = rerun(manifest, out, QUIET)
+    assert (again.difference, again.other_versions) == (0.0, {})
+    features = [StoredFeature.load(folder / "F_adv.safetensors") for folder in (request_.out, out)]
+    assert torch.equal(features[0].feature, features[1].feature)
+    assert features[0].feature.abs().max() > 0
+    assert json.loads((out / "summary.json").read_text()) == summary
+
+    _change(manifest, ["versions", "torch"], "1.0")
+    _change(manifest, ["request", "settings", "seed"], 1)
+    other = rerun(manifest, tmp_path / "other", QUIET)
+    assert other.difference > 0
+    assert other.other_versions == {"torch": ("1.0", torch.__version__)}
+
+    (tmp_path / "scene.yaml").write_text(SCENE + "# another\n")
+    with pytest.raises(RunError, match=r"scene\.yaml: is not the file that .*manifest\.json"):
+        rerun(manifest, tmp_path / "third", QUIET)
+    (tmp_path / "scene.yaml").unlink()
+    with pytest.raises(RunError, match=r"scene\.yaml: not there; start from the folder"):
+        rerun(manifest, tmp_path / "third", QUIET)
+
+
+def _change(manifest: Path, keys: list[str], value: object) -> None:
+    content = json.loads(manifest.read_text())
+    place = content
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    manifest.write_text(json.dumps(content))
+
+
+def test_a_request_comes_back_as_it_was_written():
+    settings = Settings("p", tau=float("inf"), decay=True, feature="replace")
+    asked = run.Request(
+        Path("a.yaml"), ("b.cfg", "c.cfg=2"), Path("c"), settings, generator=Path("d")
+    )
+    assert read_request(Path("m"), {"request": asked.as_dict()}, Path("c")) == asked
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"request": {"scene": "a"}}, "m: not the manifest of a cnca optimize"),
+        ({"stepps": 3}, "m: stepps: unknown key; did you mean 'steps'?"),
+        ({"steps": "many"}, "m: settings.steps: Input should be a valid integer"),
+        ({"steps": 0}, "steps is 0"),
+    ],
+)
+def test_a_manifest_that_is_none_is_named(change, message):
+    asked = run.Request(Path("a.yaml"), ("b.cfg",), Path("c"), Settings("p")).as_dict()
+    content = {"request": {**asked, "settings": asked["settings"] | change}}
+    with pytest.raises(RunError, match=message.replace("?", r"\?")) as caught:
+        read_request(Path("m"), content | change, Path("c"))
+    assert "\n" not in str(caught.value)
