@@ -48,14 +48,14 @@ def measure(skin: Skin, faces: Bool[np.ndarray, " faces"]) -> Layout:
     triangles, corners = skin.vertices[skin.faces[faces]], skin.corners[faces]
     area = np.linalg.norm(face_crosses(skin.vertices, skin.faces[faces]), axis=1) / 2
     flat = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 2
-    covered = _covered(corners)
+    share = covered(corners)
     return Layout(
         charts=_charts(triangles, corners),
         seam_length=seam_length(triangles, corners, (area.sum() / max(flat.sum(), 1e-12)) ** 0.5),
         stretch=_stretch(triangles, corners, area, flat),
         density_spread=_spread(np.sqrt(flat / np.maximum(area, 1e-12)), area),
-        used=covered,
-        overlap=max(0.0, 1 - covered / max(flat.sum(), 1e-12)),
+        used=share,
+        overlap=max(0.0, 1 - share / max(flat.sum(), 1e-12)),
     )
 
 
@@ -79,7 +79,7 @@ def seam_length(
     return float((length / count)[edge][seam].sum() / 2)  # a seam has a border on each side
 
 
-def _corner_keys(
+def corner_keys(
     triangles: Float[np.ndarray, "faces 3 3"], corners: Float[np.ndarray, "faces 3 2"]
 ) -> Int[np.ndarray, "faces 3"]:
     """The same number where place on the car (to 10 µm) and in the texture (to 10⁻⁶) agree."""
@@ -92,7 +92,7 @@ def _corner_keys(
 def _charts(
     triangles: Float[np.ndarray, "faces 3 3"], corners: Float[np.ndarray, "faces 3 2"]
 ) -> int:
-    keys = _corner_keys(triangles, corners)
+    keys = corner_keys(triangles, corners)
     i, j = keys[:, [0, 1]].ravel(), keys[:, [1, 2]].ravel()
     count = keys.max() + 1
     return int(connected_components(coo_matrix((np.ones(len(i)), (i, j)), shape=(count, count)))[0])
@@ -102,7 +102,7 @@ def _borders(
     triangles: Float[np.ndarray, "faces 3 3"], corners: Float[np.ndarray, "faces 3 2"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Edges of one face only: ends on the car (2, edges, 3) and in the texture (2, edges, 2)."""
-    keys = _corner_keys(triangles, corners)
+    keys = corner_keys(triangles, corners)
     ends = np.sort(keys[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, inverse, counts = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
     single = counts[inverse.ravel()] == 1
@@ -138,7 +138,7 @@ def _spread(density: Float[np.ndarray, " faces"], area: Float[np.ndarray, " face
     return float(high / max(low, 1e-12))
 
 
-def _covered(corners: Float[np.ndarray, "faces 3 2"]) -> float:
+def covered(corners: Float[np.ndarray, "faces 3 2"]) -> float:
     """Share of texel centres inside some face (OpenCV draws borders too, half a texel wide)."""
     canvas = np.zeros((4 * RASTER, 4 * RASTER), np.uint8)
     for triangle in np.rint(corners * 4 * RASTER * 16 - 8).astype(np.int32):

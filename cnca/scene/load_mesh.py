@@ -8,6 +8,7 @@ a scene brings its own textures.
 from __future__ import annotations
 
 import io
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,6 +25,8 @@ from cnca.scene.unwrap import unwrap_paint
 
 EXTENSIONS = (".obj", ".ply", ".gltf", ".glb")
 BUILTIN = "builtin:"
+FARTHEST = 1e9
+"""Metres from the origin: what lies beyond overflows sooner or later."""
 UV_TOLERANCE = 1e-3
 """How far outside [0, 1] exporters' rounding may put a texture coordinate."""
 
@@ -97,9 +100,9 @@ def load_vehicle(
     """
     path = Path(path)
     to_ours = np.eye(4)
-    to_ours[:3, :3] = scale * _rotation(path, up, front)
-    scene = _read(path)
-    names = {key: _material_name(mesh) for key, mesh in scene.geometry.items()}
+    to_ours[:3, :3] = scale * to_our_axes(path, up, front)
+    scene = read_meshes(path)
+    names = {key: material_name(mesh) for key, mesh in scene.geometry.items()}
     kinds = _materials(path, set(names.values()), materials or {})
     parts = []
     for node in scene.graph.nodes_geometry:
@@ -115,12 +118,13 @@ def load_vehicle(
     return unwrap_paint(vehicle) if unwrap else vehicle
 
 
-def _read(path: Path) -> trimesh.Scene:
+def read_meshes(path: Path) -> trimesh.Scene:
+    """The file's surfaces as they stand in it; raises MeshError where there are none."""
     extension = path.suffix.lower()
     if extension not in EXTENSIONS:
         hint = did_you_mean(extension, EXTENSIONS)
         raise MeshError(f"{path}: not one of {', '.join(EXTENSIONS)}{hint}")
-    if not path.is_file():
+    if not os.path.isfile(path):  # also of names that no system takes
         raise MeshError(f"{path}: no such file; paths start at the scene file's folder")
     try:
         scene = _read_obj(path) if extension == ".obj" else trimesh.load_scene(path, process=False)
@@ -136,6 +140,8 @@ def _read(path: Path) -> trimesh.Scene:
     scene.delete_geometry(set(scene.geometry) - set(surfaces))
     if not surfaces:
         raise MeshError(f"{path}: holds no triangles; export the mesh, not only points or curves")
+    if not len(scene.graph.nodes_geometry):
+        raise MeshError(f"{path}: its scene shows none of its meshes; export the whole scene")
     return scene
 
 
@@ -152,7 +158,8 @@ def _read_obj(path: Path) -> trimesh.Scene:
     return trimesh.load_scene(obj, file_type="obj", resolver=resolver, process=False)
 
 
-def _material_name(mesh: trimesh.Trimesh) -> str:
+def material_name(mesh: trimesh.Trimesh) -> str:
+    """The file's name of what the mesh is made of, or "unnamed"."""
     return getattr(getattr(mesh.visual, "material", None), "name", None) or "unnamed"
 
 
@@ -166,20 +173,24 @@ def _materials(path: Path, names: set[str], chosen: Mapping[str, str]) -> dict[s
             raise MeshError(f"{path}: material '{name}': '{kind}' is not known{hint}")
     if len(names) == 1 and not chosen:
         return dict.fromkeys(names, "paint")
-    kinds = {name: chosen.get(name) or _guess_material(name) for name in names}
+    kinds = {name: chosen.get(name) or guess_material(name) for name in names}
     if "paint" not in kinds.values():
         listed = ", ".join(sorted(names))
         raise MeshError(f"{path}: which material is paint? It has {listed}; map one to 'paint'")
     return kinds
 
 
-def _guess_material(name: str) -> str:
+def guess_material(name: str) -> str:
+    """Our material that a material or part of this name is probably made of, else trim."""
     matches = (kind for kind, words in _NAMES.items() if re.search(words, name.lower()))
     return next(matches, "trim")
 
 
-def _rotation(path: Path, up: str, front: str) -> Float[np.ndarray, "3 3"]:
-    """The rotation whose rows are our front, left and up in the file's axes."""
+def to_our_axes(path: Path, up: str, front: str) -> Float[np.ndarray, "3 3"]:
+    """The rotation whose rows are our front, left and up in the file's axes.
+
+    Raises MeshError where ``up`` and ``front`` are no two axes; ``path`` stands in its message.
+    """
     if not re.fullmatch("[xyz]", up) or not re.fullmatch("[+-][xyz]", front) or up == front[1]:
         raise MeshError(
             f"{path}: up '{up}' and front '{front}' must be different axes, e.g. 'y' and '+x'"
@@ -199,11 +210,18 @@ def _part(
     textured: bool,
 ) -> Part:
     """One piece of the file in our axes, without unused vertices and triangles of no area."""
+    if mesh.vertices.shape[1:] != (3,):  # trimesh takes what a file gives
+        raise MeshError(f"{path}: part '{name}': a vertex has x, y and z; export it again")
     if not np.isfinite(mesh.vertices).all():
         count = int(np.count_nonzero(~np.isfinite(mesh.vertices).all(axis=1)))
         raise MeshError(f"{path}: part '{name}': {count} vertices are NaN or infinite; repair it")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise MeshError(f"{path}: part '{name}': a triangle names a vertex that does not exist")
+    vertices = trimesh.transform_points(mesh.vertices, to_ours)
+    if not np.isfinite(vertices).all() or np.abs(vertices).max() > FARTHEST:
+        raise MeshError(f"{path}: part '{name}': reaches beyond {FARTHEST:g} m; check its scale")
+    if not abs(np.linalg.det(to_ours[:3, :3])) > 0:
+        raise MeshError(f"{path}: part '{name}': its node makes it flat; repair its matrix")
     faces = mesh.faces[mesh.area_faces > 0]
     if not len(faces):
         raise MeshError(f"{path}: part '{name}': all triangles have zero area; remove the part")
@@ -215,7 +233,7 @@ def _part(
     return Part(
         name=name,
         material=material,
-        vertices=trimesh.transform_points(mesh.vertices[used], to_ours),
+        vertices=vertices[used],
         faces=np.ascontiguousarray(faces),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         uvs=_uvs(path, name, mesh, used) if textured else None,

@@ -1,0 +1,41 @@
+"""Commands for one's own vehicle: is it fit, and how does it look in print and in pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cnca.cli.app import app
+
+
+@app.command("check-vehicle")
+def check_vehicle(
+    mesh: Annotated[str, typer.Argument(help="Mesh, builtin:NAME, or a scene file with one.")],
+    up: Annotated[str | None, typer.Option(help="The file's upward axis; default y.")] = None,
+    front: Annotated[str | None, typer.Option(help="Its forward axis; default +x.")] = None,
+    scale: Annotated[float | None, typer.Option(help="Metres per unit; default 1.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for pictures and the report.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Say what stands between a mesh and an attack on it, and what mends it.
+
+    Exit code 0 if the vehicle can be attacked, 1 if a fault stops that.
+    """
+    import json as text
+
+    from cnca.check_vehicle import check_vehicle
+
+    given = {"up": up, "front": front, "scale": scale}
+    report = check_vehicle(mesh, out, **{k: v for k, v in given.items() if v is not None})
+    if json:
+        typer.echo(text.dumps(report, indent=2))
+    else:
+        for finding in report["findings"]:
+            typer.echo(finding["line"])
+        typer.echo("usable" if report["usable"] else "not usable as it is")
+        typer.echo(f"scene: vehicle: {text.dumps(report['vehicle'])}")
+        if out is not None:
+            typer.echo(out / "vehicle.png")
+    raise typer.Exit(0 if report["usable"] else 1)

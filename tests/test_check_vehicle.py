@@ -1,0 +1,75 @@
+"""``cnca check-vehicle``: report, pictures and exit codes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cnca import check_vehicle as module
+from cnca.check_vehicle import check_vehicle
+from cnca.cli import app
+from cnca.errors import MeshError
+from cnca.scene.load_mesh import load_vehicle
+from cnca.scene.pieces import read_pieces
+from cnca.scene.schema import VehicleSection
+from cnca.scene.uv_checkup import overlaps, skin_with_uvs
+from cnca.scene.write_mesh import write_obj
+
+CAR = Path(__file__).parents[1] / "scenes/hard/meshes/car.obj"
+
+
+def _without_uvs(folder: Path) -> Path:
+    car = load_vehicle(CAR, up="z")
+    write_obj(
+        folder / "car.obj", replace(car, parts=tuple(replace(p, uvs=None) for p in car.parts))
+    )
+    return folder / "car.obj"
+
+
+def test_exit_codes_and_lines(tmp_path):
+    run = CliRunner().invoke
+    good = run(app, ["check-vehicle", str(CAR), "--up", "z"])
+    assert good.exit_code == 0
+    assert "usable" in good.stdout.splitlines()
+    bad = run(app, ["check-vehicle", str(_without_uvs(tmp_path)), "--up", "z"])
+    assert bad.exit_code == 1
+    assert bad.stdout.startswith("fault   UVs: paint have none → vehicle.unwrap: true\n")
+    with pytest.raises(MeshError, match="no such file"):  # which cnca.cli.main turns into a 2
+        run(app, ["check-vehicle", str(tmp_path / "none.obj")], catch_exceptions=False)
+
+
+def test_the_proposed_section_makes_a_scene_that_is_good(tmp_path):
+    report = check_vehicle(str(_without_uvs(tmp_path)), None, up="z")
+    assert not report["usable"]
+    (tmp_path / "scene.yaml").write_text(json.dumps({"vehicle": report["vehicle"]}))
+    assert check_vehicle(str(tmp_path / "scene.yaml"), None)["usable"]
+
+
+def test_pictures_and_json(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SAMPLES", 4)
+    printed = CliRunner().invoke(
+        app, ["check-vehicle", str(CAR), "--up", "z", "--out", str(tmp_path), "--json"]
+    )
+    assert json.loads(printed.stdout) == json.loads((tmp_path / "vehicle.json").read_text())
+    sheet = cv2.imread(str(tmp_path / "vehicle.png"))
+    charts, plain, checker = np.split(sheet[-module.SHOWN :], 3, axis=1)
+    assert plain.std() > 5
+    # The checker is colourful, the plain shape is not.
+    saturation = [np.ptp(each.astype(int), axis=2).mean() for each in (plain, checker)]
+    assert saturation[1] > 2 * saturation[0]
+
+
+def test_what_is_used_twice_is_marked():
+    """The painted part a second time elsewhere doubles all of it, save at the charts' borders."""
+    (paint,) = [
+        p for p in read_pieces(VehicleSection(mesh=CAR.name), CAR.parent) if p.kind == "paint"
+    ]
+    skin = skin_with_uvs([paint])
+    assert not overlaps(skin, 256).any()
+    twice = skin_with_uvs([paint, replace(paint, vertices=paint.vertices + (10, 0, 0))])
+    covered = np.abs(np.linalg.det(skin.corners[:, 1:] - skin.corners[:, :1])).sum() / 2
+    assert overlaps(twice, 256).mean() == pytest.approx(covered, rel=0.1)
