@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -29,7 +31,7 @@ class RateColumn(ProgressColumn):
 
 
 def bar(console: Console) -> Progress:
-    """A progress bar on ``console``."""
+    """A progress bar on ``console``; none with ``cnca --quiet`` or CNCA_QUIET=1."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),
@@ -38,4 +40,5 @@ def bar(console: Console) -> Progress:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=console,
+        disable=os.environ.get("CNCA_QUIET", "0") not in ("", "0"),
     )

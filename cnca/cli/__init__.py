@@ -7,7 +7,10 @@ import sys
 
 from cnca.cli import attack, data, evidence, render, report, rerun, train, vehicle  # noqa: F401
 from cnca.cli.app import app
+from cnca.cli.examples import add_examples
 from cnca.errors import CncaError
+
+add_examples(app)
 
 
 def main() -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from typing import Annotated
 
 import typer
+
+QUIET = "CNCA_QUIET"
+"""Environment variable that silences progress bars; ``--quiet`` sets it."""
 
 app = typer.Typer(
     name="cnca",
     help="Customizable, natural adversarial camouflage: how robust is a vehicle detector?",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -38,5 +41,9 @@ def _options(
             help="Print all versions that matter.",
         ),
     ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", envvar=QUIET, help="No progress bars.")
+    ] = False,
 ) -> None:
-    pass
+    if quiet:
+        os.environ[QUIET] = "1"  # where cnca.progress looks, in this process and its children

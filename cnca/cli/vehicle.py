@@ -39,3 +39,30 @@ def check_vehicle(
         if out is not None:
             typer.echo(out / "vehicle.png")
     raise typer.Exit(0 if report["usable"] else 1)
+
+
+@app.command()
+def gallery(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of scene files; default the shipped ones.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Sheet to render, .png.")] = None,
+) -> None:
+    """List the shipped scenes, or a folder's, and render them into one sheet."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from cnca.scene_gallery import entries, write_sheet
+
+    listed = entries(folder)
+    table = Table("scene", "vehicle", "weather", "cameras")
+    for entry in listed:
+        scene = entry.scene
+        cells = (scene.vehicle.mesh, entry.weather(), str(len(scene.cameras))) if scene else ()
+        table.add_row(entry.name, *(cells or (entry.problem, "", "")))
+    Console().print(table)
+    if out is not None:
+        problems = write_sheet(listed, out, Console(stderr=True))
+        for name, problem in problems.items():
+            typer.echo(f"{name}: not rendered: {problem}")
+        typer.echo(out)

@@ -1,0 +1,63 @@
+"""Worked examples, with which each command's help ends."""
+
+from __future__ import annotations
+
+import typer
+
+SCENE = "--scene builtin:sedan_clear"
+EXAMPLES = {
+    "doctor": ["doctor"],
+    "render-scene": [
+        "render-scene builtin:sedan_fog -o fog.png --spp 64",
+        "render-scene my.yaml -o layers.exr --all-views --target-error 0.05 --explain",
+    ],
+    "accuracy": ["accuracy builtin:sedan_clear --out out/accuracy --seconds 600"],
+    "accuracy-generator": ["accuracy-generator --out out/prices --probes 5"],
+    "calibrate": ["calibrate --out out/prices --scenes 8"],
+    "optimize": [
+        f'optimize {SCENE} --prompt "colorful camouflage" --steps 220 --out out/sedan',
+        f'optimize {SCENE} --prompt "graffiti" --tau auto --min-prompt-score 0.3 --out out/auto',
+    ],
+    "tradeoff": [f'tradeoff {SCENE} --prompt "zebra stripes" --taus 0.5,1,inf --out out/taus'],
+    "prompts": [f'prompts {SCENE} "zebra stripes" "yellow black graffiti" --out out/prompts'],
+    "demo": ["demo --out out/demo --steps 40"],
+    "evaluate": [
+        f"evaluate {SCENE} --texture out/sedan --views 48 --out out/evidence",
+        f"evaluate {SCENE} --texture mine=paint.png --detector yolo=yolov3.cfg --out out/yolo",
+    ],
+    "table1": [f"table1 {SCENE} --texture Ours=out/sedan --out out/table1"],
+    "render-dataset": ["render-dataset --scene builtin:sedan_clear --out out/data --images 64"],
+    "import-carla": ["import-carla ../carla --out out/carla --scene scenes/etron_carla.yaml"],
+    "reorder-uv": ["reorder-uv my_car.obj -o out/my_car.obj --up z --paint-mask mask.png"],
+    "train-generator": ["train-generator --out out/generator --resume"],
+    "train-scorer": ["train-scorer --out out/scorer --corpus out/generator"],
+    "train-detector": ["train-detector --out out/detector --kind anchor-free"],
+    "train-efr": ["train-efr --from-render builtin:sedan_clear --out out/efr.safetensors"],
+    "harden": ["harden --texture out/sedan --out out/hardened --pictures 240"],
+    "rerun": ["rerun out/sedan/manifest.json --out out/again"],
+    "report": ["report out/sedan --turntable 36"],
+    "survey build": ["survey build --images pictures --out out/survey"],
+    "survey serve": ["survey serve out/survey --port 8080"],
+    "survey score": ["survey score out/survey"],
+    "check-vehicle": [
+        "check-vehicle my_car.glb --out out/check",
+        "check-vehicle my_car.obj --up z --front -y --scale 0.01 --json",
+    ],
+    "print-sheets": ["print-sheets out/sedan --scale 1:12 --paper A3 --out out/sedan.pdf"],
+    "gallery": ["gallery --out out/gallery.png", "gallery scenes/hard"],
+}
+"""Command → what to write after ``cnca``."""
+
+
+def add_examples(app: typer.Typer, prefix: str = "") -> None:
+    """Let the help of each command end with its examples."""
+    for command in app.registered_commands:
+        assert command.callback is not None
+        name = prefix + (command.name or command.callback.__name__)
+        lines = [f"  cnca {example}" for example in EXAMPLES.get(name, [])]
+        if lines:
+            # The mark, alone in its line, keeps the lines after it as they are.
+            command.epilog = "\n".join(["\b", "Examples:", *lines])
+    for group in app.registered_groups:
+        assert group.typer_instance is not None
+        add_examples(group.typer_instance, f"{prefix}{group.name} ")
