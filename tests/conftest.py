@@ -30,7 +30,7 @@ def open_page(browser):
         if context is None:
             viewport = {"width": width, "height": height}
             context = browser.new_context(viewport=viewport, color_scheme=scheme)
-            context.set_default_timeout(20_000)
+            context.set_default_timeout(90_000)
             contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))

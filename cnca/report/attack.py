@@ -21,14 +21,13 @@ from cnca.report.markdown import as_html
 from cnca.scene.images import read_texture_srgb
 from cnca.webpage import file_uri, jpeg_uri
 
-PARTS_OF_A_STEP = ("generate", "render", "detect", "backward")
-
 
 def attack_parts(folder: Path, summary: Mapping[str, Any]) -> list[Part]:
     """Verdict, slider, textures, curves and seconds."""
     lines = (folder / "log.jsonl").read_text(encoding="utf-8").splitlines()
     records = [json.loads(line) for line in lines]
-    title = f"“{summary['prompt']}” against {summary['detector']}"
+    detectors = ", ".join(summary.get("detectors", [summary["detector"]]))
+    title = f"“{summary['prompt']}” against {detectors}"
     _, *others = summary.get("detectors", {"": {}}).items()
     return [
         Part(title, [Prose(as_html(_verdict(summary)))]),
@@ -55,24 +54,35 @@ def before_after(runs: Sequence[tuple[str, Path, Mapping[str, Any]]]) -> Slider:
 
 
 def _verdict(summary: Mapping[str, Any]) -> str:
-    """Scores with intervals over the held-out views, as Markdown."""
-    scores = summary["scores_per_view"]
-    weights = resample([summary["held_out_views"]], seed=0)
-    shares = weights / weights.sum(dim=1, keepdim=True)
-    means = {n: shares @ torch.tensor(scores[n], dtype=torch.float64) for n in MEANING}
-    rows = [
-        [meaning, cell(Sampled(means[name]).as_dict()), f"{summary['AP@0.5'][name]:.3f}"]
-        for name, meaning in MEANING.items()
+    """Scores before each detector with intervals over the held-out views, as Markdown."""
+    by_detector = summary.get("detectors") or {summary["detector"]: summary}
+    tables = [
+        (f"## Before {name}\n\n" if len(by_detector) > 1 else "") + _scores(numbers)
+        for name, numbers in by_detector.items()
     ]
-    ratio = cell(Sampled(means["after"] / means["shuffled"]).as_dict(), digits=2)
     return (
         f"Scene {summary['scene']}. Scores are means over {summary['held_out_views']} held-out "
         "views: the highest confidence among detections of the class that overlap the vehicle's "
         "box by at least one half. In brackets: 95 %, percentile bootstrap over these views.\n\n"
-        f"{table(['texture', 'detection score', 'AP@0.5'], rows)}\n"
-        f"Camouflage over shuffled control: **{ratio}**. A loud texture alone can fool a small "
-        "detector; only what goes beyond the controls is the attack.\n"
+        + "\n".join(tables)
+        + "\nA loud texture alone can fool a small detector; only what goes beyond the controls is "
+        "the attack.\n"
     )
+
+
+def _scores(numbers: Mapping[str, Any]) -> str:
+    """One detector's table, and the ratio to the shuffled control over the same resamples."""
+    scores = numbers["scores_per_view"]
+    weights = resample([len(scores["before"])], seed=0)
+    shares = weights / weights.sum(dim=1, keepdim=True)
+    means = {n: shares @ torch.tensor(scores[n], dtype=torch.float64) for n in MEANING}
+    rows = [
+        [meaning, cell(Sampled(means[name]).as_dict()), f"{numbers['AP@0.5'][name]:.3f}"]
+        for name, meaning in MEANING.items()
+    ]
+    ratio = cell(Sampled(means["after"] / means["shuffled"]).as_dict(), digits=2)
+    head = ["texture", "detection score", "AP@0.5"]
+    return f"{table(head, rows)}\nCamouflage over shuffled control: **{ratio}**.\n"
 
 
 def _tiles(folder: Path, summary: Mapping[str, Any]) -> tuple[list[SrgbPicture], ...]:
@@ -109,7 +119,7 @@ def _textures(folder: Path) -> Gallery:
     )
 
 
-def _steps(records: Sequence[Mapping[str, float]]) -> list[Prose]:
+def _steps(records: Sequence[Mapping[str, Any]]) -> list[Prose]:
     steps = [int(record["step"]) for record in records]
     score = draw(steps, [record["D_s"] for record in records], "detection score, D_s")
     loss = draw(steps, [record["loss_adv"] for record in records], "loss, L_adv")
@@ -117,11 +127,16 @@ def _steps(records: Sequence[Mapping[str, float]]) -> list[Prose]:
     return [Prose(curves), Prose(as_html(_seconds(records)))]
 
 
-def _seconds(records: Sequence[Mapping[str, float]]) -> str:
+def _seconds(records: Sequence[Mapping[str, Any]]) -> str:
     """What the parts of a step take, as Markdown; the first step compiles and stands apart."""
     first, later = records[0], records[1:] or records
     total = np.array([record["seconds_total"] for record in later])
-    parts = {n: np.array([r[f"seconds_{n}"] for r in later]) for n in PARTS_OF_A_STEP}
+    names = dict.fromkeys(key for record in records for key in record if key.startswith("seconds_"))
+    parts = {
+        name.removeprefix("seconds_"): np.array([record.get(name, 0) for record in later])
+        for name in names
+        if name != "seconds_total"
+    }
     parts["all else"] = total - sum(parts.values())
     rows = [
         [name, f"{own.mean():.2f}", f"{own.std():.2f}", f"{own.sum() / total.sum():.0%}"]

@@ -38,13 +38,13 @@ class SurveyServer(ThreadingHTTPServer):
     def __init__(self, folder: Path, *, host: str, port: int):
         self.survey = read_survey(folder)
         self.page = (folder / "index.html").read_bytes()
+        self.store = Store(folder / STORE)
         try:
             super().__init__((host, port), Handler)
         except (OSError, OverflowError) as error:
             raise RunError(
                 f"{host}:{port}: cannot listen ({error}); choose another --port"
             ) from None
-        self.store = Store(folder / STORE)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say what went wrong, but not with whom; clients that went away are no error."""

@@ -60,6 +60,17 @@ def test_scores_and_their_intervals(tmp_path):
     assert (low, high) == pytest.approx(tuple(np.percentile(drawn, (2.5, 97.5))), abs=slack)
 
 
+def test_every_detector_has_its_table(tmp_path):
+    own = {key: folders.SUMMARY[key] for key in ("scores_per_view", "AP@0.5")}
+    both = folders.SUMMARY | {
+        "detectors": {"one": own, "two": own | {"AP@0.5": dict.fromkeys(MEANING, 0.25)}}
+    }
+    part = attack_parts(folders.attack(tmp_path / "run"), both)[0]
+    assert part.title.endswith("against one, two")
+    html = str(part.blocks[0].html)
+    assert (html.count("<table>"), html.count("<td>0.250</td>")) == (2, len(MEANING))
+
+
 @pytest.mark.parametrize(("count", "views"), [(1, [0]), (3, [0, 1, 2]), (24, [0, 6, 12, 18])])
 def test_shown_views_are_spread(count, views):
     assert list(shown_views(count)) == views
