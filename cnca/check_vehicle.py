@@ -48,7 +48,11 @@ def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
         MeshError: the mesh cannot be read at all.
         SceneError: the scene file cannot be read.
     """
-    scene = load_scene(mesh) if mesh.endswith(SCENE_ENDINGS) else Scene(vehicle={"mesh": mesh})
+    scene = (
+        load_scene(mesh)
+        if mesh.endswith(SCENE_ENDINGS)
+        else Scene(vehicle=VehicleSection(mesh=mesh))
+    )
     section = VehicleSection.model_validate(scene.vehicle.model_dump(exclude_unset=True) | given)
     findings = check(section, scene.base)
     proposed = mended(section, findings)

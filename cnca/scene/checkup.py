@@ -236,7 +236,7 @@ def _outside(pieces: Sequence[Piece], sight: Sight) -> Iterator[Finding]:
     backs = np.bincount(sight.piece, sight.back, minlength=count)
     worst = np.flatnonzero((backs > 0.5 * shown) & (shown > WORTH_A_WORD * shown.sum()))
     if len(worst):
-        which = _listed([pieces[k].name for k in worst])
+        which = _listed([pieces[k].name for k in worst.tolist()])
         number = f"{sight.share(sight.back):.1%} of what is seen are backs of triangles: {which}"
         yield Finding("warning", "inside out", number, RECALCULATE)
 
