@@ -1,8 +1,11 @@
 """``cnca rerun``: a manifest is enough to come to the same texture."""
 
 import json
+from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from rich.console import Console
@@ -10,8 +13,10 @@ from rich.console import Console
 from cnca import run
 from cnca.errors import RunError
 from cnca.gen.feature import StoredFeature
+from cnca.manifest import hashes, versions, write_json
 from cnca.optimize import Settings
 from cnca.rerun import read_request, rerun
+from cnca.scene.images import write_texture_srgb
 from tests.test_attack_run import SCENE, one_thread  # noqa: F401  (a fixture)
 
 QUIET = Console(quiet=True)
@@ -38,27 +43,31 @@ def test_the_texture_is_the_same_to_the_bit(request_, tmp_path):
     assert features[0].feature.abs().max() > 0
     assert json.loads((out / "summary.json").read_text()) == summary
 
-    _change(manifest, ["versions", "torch"], "1.0")
-    _change(manifest, ["request", "settings", "seed"], 1)
-    other = rerun(manifest, tmp_path / "other", QUIET)
-    assert other.difference > 0
-    assert other.other_versions == {"torch": ("1.0", torch.__version__)}
 
-    (tmp_path / "scene.yaml").write_text(SCENE + "# another\n")
+def test_what_differs_is_said(request_, tmp_path, monkeypatch):
+    manifest = request_.out / "manifest.json"
+    then = {"versions": versions() | {"torch": "1.0"}, "inputs": hashes([request_.scene])}
+    write_json(manifest, {"request": request_.as_dict(), **then})
+    write_texture_srgb(manifest.with_name("texture.png"), np.zeros((8, 8, 3), np.float32))
+    asked = []
+
+    def paint_it_grey(request, console):
+        asked.append(request)
+        write_texture_srgb(request.out / "texture.png", np.full((8, 8, 3), 0.2, np.float32))
+
+    monkeypatch.setattr("cnca.rerun.run", paint_it_grey)
+    again = rerun(manifest, tmp_path / "again", QUIET)
+    assert asked == [replace(request_, out=tmp_path / "again")]
+    assert again.difference == pytest.approx(0.2, abs=0.5 / 255)  # 8 bits
+    assert again.other_versions == {"torch": ("1.0", metadata.version("torch"))}
+
+    request_.scene.write_text(SCENE + "# another\n")
     with pytest.raises(RunError, match=r"scene\.yaml: is not the file that .*manifest\.json"):
         rerun(manifest, tmp_path / "third", QUIET)
-    (tmp_path / "scene.yaml").unlink()
+    request_.scene.unlink()
     with pytest.raises(RunError, match=r"scene\.yaml: not there; start from the folder"):
         rerun(manifest, tmp_path / "third", QUIET)
-
-
-def _change(manifest: Path, keys: list[str], value: object) -> None:
-    content = json.loads(manifest.read_text())
-    place = content
-    for key in keys[:-1]:
-        place = place[key]
-    place[keys[-1]] = value
-    manifest.write_text(json.dumps(content))
+    assert len(asked) == 1
 
 
 def test_a_request_comes_back_as_it_was_written():
