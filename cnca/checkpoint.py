@@ -54,6 +54,6 @@ def restore(progress: Progress, path: Path) -> None:
         with torch.no_grad():
             progress.feature.copy_(state["feature"])
         progress.optimizer.load_state_dict(state["optimizer"])
+        progress.best = Best(**state["best"])
     except Exception as error:  # torch raises whatever another program's content makes it raise
         raise RunError(f"{path}: holds no attack ({error}); delete it to begin anew") from None
-    progress.best = Best(**state["best"])

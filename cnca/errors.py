@@ -13,6 +13,11 @@ from collections.abc import Iterable
 class CncaError(Exception):
     """Bad input: the message says in one line what is wrong, where, and what to do."""
 
+    def __init__(self, message: str) -> None:
+        """What a message quotes of a file may hold anything: only what can be printed stays."""
+        shown = (c if c.isprintable() else repr(c)[1:-1] for c in message)
+        super().__init__("".join(shown))
+
 
 class SceneError(CncaError):
     """A scene file or a value in it cannot be used."""

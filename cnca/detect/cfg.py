@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,7 +66,12 @@ class Section:
 
     def number(self, key: str, default: float) -> float:
         """A real number."""
-        return self._values(key, float)[0] if key in self.options else default
+        if key not in self.options:
+            return default
+        values = self.numbers(key)
+        if len(values) != 1 or not math.isfinite(values[0]):
+            raise self.error(f"{key}={self.options[key]} must be one finite number")
+        return values[0]
 
     def integers(self, key: str) -> tuple[int, ...]:
         """Integers separated by commas."""

@@ -5,6 +5,7 @@ A layer is called with the previous layer's output and the outputs that later la
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 
 import torch
@@ -19,6 +20,9 @@ from cnca.errors import did_you_mean
 
 BATCH_NORM_EPSILON = 1e-5
 """Added to the variance, as Darknet does on GPUs and when it fuses layers."""
+
+MOST_VALUES = 2**28
+"""Weights of a network, or values between two layers for one picture: 1 GiB."""
 
 ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
     "linear": lambda x: x,
@@ -158,6 +162,9 @@ class Darknet(nn.Module):
         self.heads = [layer for layer in self.layers if isinstance(layer, Head)]
         if not self.heads:
             raise config.net.error("the network has no [yolo] layer; add one")
+        weights = sum(parameter.numel() for parameter in self.parameters())
+        if weights > MOST_VALUES:
+            raise config.net.error(f"the network has {weights} weights, more than {MOST_VALUES}")
         self.kept = {s for layer in self.layers for s in getattr(layer, "sources", ())}
         self.to_empty(device="cpu")
         self.reset_parameters(generator or torch.Generator().manual_seed(0))
@@ -191,15 +198,19 @@ class Darknet(nn.Module):
 def _build_layers(config: Config) -> nn.ModuleList:
     if config.net.integer("channels", 3) != 3:
         raise config.net.error("channels must be 3 (RGB)")
+    if math.prod(config.size) > MOST_VALUES:
+        raise config.net.error(f"width and height make more than {MOST_VALUES} pixels")
     x = torch.empty(1, 3, *config.size)
     layers = nn.ModuleList()
     outputs: dict[int, Tensor] = {}
     for index, section in enumerate(config.layers):
-        layer = _build_layer(section, index, x.shape[1])
         try:
+            layer = _build_layer(section, index, x.shape[1])
             x = outputs[index] = layer.eval()(x, outputs)
-        except (ValueError, RuntimeError) as error:
+        except (ValueError, TypeError, OverflowError, RuntimeError) as error:
             raise section.error(str(error).splitlines()[0]) from error
+        if x.numel() > MOST_VALUES:
+            raise section.error(f"makes {x.numel()} values, more than {MOST_VALUES}")
         layers.append(layer.train())
     return layers
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,6 +29,8 @@ TYPES = {
     "tensor(int64)": np.int64,
     "tensor(int32)": np.int32,
 }
+MOST_PIXELS = 2**26
+"""Of one call."""
 ONES = ("scale_factor", "pixel_mask", "mask")
 """Further inputs by name: how much the picture was scaled, and where there is one."""
 HEIGHT_WIDTH, WIDTH_HEIGHT = ("im_shape", "image_shape"), ("orig_target_sizes", "orig_size")
@@ -55,7 +58,13 @@ class OnnxDetector(CandidateDetector):
         options = read_options(path.with_suffix(".yaml"))
         self._read_input(options)
         self.outputs = _chosen_outputs(self.session, options, path)
-        first = self._run(np.zeros((self.batch, 3, *self.size), np.float32))
+        try:
+            first = self._run(np.zeros((self.batch, 3, *self.size), np.float32))
+        except DetectorError:
+            raise
+        except Exception as error:  # ONNX Runtime's errors share no other base class
+            reason = str(error).splitlines()[0]
+            raise DetectorError(f"{path}: ONNX Runtime cannot run it ({reason})") from error
         names = options.names() or _names_inside(self.session)
         try:
             self.layout = find_layout(first, self.size, names, options)
@@ -91,6 +100,11 @@ class OnnxDetector(CandidateDetector):
                 )
             size = options.size
         self.size = (int(size[0]), int(size[1]))
+        if min(self.batch, *self.size) < 1 or self.batch * math.prod(self.size) > MOST_PIXELS:
+            raise DetectorError(
+                f"{self.path}: input '{picture.name}' takes {self.batch} pictures of "
+                f"{self.size[0]} × {self.size[1]} pixels; export it for pictures of a usual size"
+            )
 
     @torch.no_grad()
     def candidates(self, images: SrgbImages) -> Candidates:
@@ -167,7 +181,7 @@ def _names_inside(session: onnxruntime.InferenceSession) -> Sequence[str] | None
     try:
         names = ast.literal_eval(session.get_modelmeta().custom_metadata_map["names"])
         return tuple(names[i] for i in range(len(names))) if isinstance(names, dict) else None
-    except (KeyError, ValueError, SyntaxError):
+    except (KeyError, ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
         return None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -78,7 +79,7 @@ def read_options(path: Path) -> Options:
         return Options()
     except ValidationError as error:
         raise DetectorError(f"{path}: {_explain(error)}") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except Exception as error:  # PyYAML lets through what impossible dates and numbers raise
         reason = " ".join(str(error).split())
         raise DetectorError(f"{path}: cannot be read as YAML ({reason})") from error
     if isinstance(options.classes, str) and options.classes not in CLASS_LISTS:
@@ -94,4 +95,4 @@ def _explain(error: ValidationError) -> str:
     key = str(problems[0]["loc"][0]) if problems[0]["loc"] else "file"
     if problems[0]["type"] == "extra_forbidden":
         return f"{key}: unknown key{did_you_mean(key, Options.model_fields)}"
-    return f"{key}: {problems[0]['msg']} (got {problems[0]['input']!r:.80})"
+    return f"{key}: {problems[0]['msg']} (got {reprlib.repr(problems[0]['input']):.80})"

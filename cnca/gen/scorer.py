@@ -115,7 +115,7 @@ class BagScorer(nn.Module):
                 scorer = cls(json.loads((file.metadata() or {})["words"]))
                 weights = {name: file.get_tensor(name).float() for name in file.keys()}  # noqa: SIM118
             scorer.load_state_dict(weights)
-        except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
+        except (OSError, SafetensorError, KeyError, ValueError, TypeError, RuntimeError) as error:
             reason = str(error).splitlines()[0]
             raise GeneratorError(
                 f"{path}: no prompt scorer ({reason}); give a file of cnca train-scorer, "

@@ -8,6 +8,8 @@ right-handed with y to the left, so y changes its sign.
 from __future__ import annotations
 
 import math
+import os
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +19,9 @@ from jaxtyping import Float
 from cnca.errors import SceneError
 from cnca.scene.cameras import View
 from cnca.scene.images import SrgbArray
+
+MOST_BYTES = 2**28
+"""Of an array: a picture of 8192 × 8192 pixels has three quarters of it."""
 
 Pose = Float[np.ndarray, "2 3"]
 """Location in metres (x, y, z), then pitch, yaw, roll in degrees; left-handed."""
@@ -39,16 +44,16 @@ def read_carla_frame(path: str | Path) -> CarlaFrame:
     Raises SceneError if the file is missing, unreadable, or an array is absent or malformed.
     """
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):  # also of names that no system takes
         raise SceneError(f"{path}: no such CARLA frame; paths start at the scene file's folder")
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in ("img", "veh_trans", "cam_trans")}
+        with zipfile.ZipFile(path) as archive:
+            arrays = {key: _array(archive, key) for key in ("img", "veh_trans", "cam_trans")}
     except KeyError as error:
         raise SceneError(
             f"{path}: {error.args[0]}; a frame has img, veh_trans, cam_trans"
         ) from None
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # zipfile, zlib and NumPy share no base of what they raise
         reason = " ".join(str(error).split())
         raise SceneError(f"{path}: cannot be read as .npz ({reason})") from None
     image = arrays["img"]
@@ -59,6 +64,23 @@ def read_carla_frame(path: str | Path) -> CarlaFrame:
             raise SceneError(f"{path}: {key}: expected 2 × 3 finite numbers")
     red_green_blue = image[..., ::-1].astype(np.float32) / 255
     return CarlaFrame(red_green_blue, arrays["veh_trans"], arrays["cam_trans"])
+
+
+def _array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
+    """An array of an ``.npz``, unless its header or its packing would fill the memory."""
+    name = f"{key}.npy"
+    size = archive.getinfo(name).file_size
+    with archive.open(name) as member:
+        version = np.lib.format.read_magic(member)
+        read_header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, _, dtype = read_header(member)
+    if max(size, math.prod(shape) * dtype.itemsize) > MOST_BYTES:
+        raise ValueError(f"{key} of shape {shape} is larger than any picture")
+    with archive.open(name) as member:
+        return np.asarray(np.lib.format.read_array(member, allow_pickle=False))
 
 
 def carla_view(

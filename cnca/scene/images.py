@@ -5,12 +5,14 @@ Arrays here are (height, width[, channels]) with row 0 at the top, which is v = 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
+from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
 from cnca.errors import TextureError, did_you_mean
@@ -18,6 +20,8 @@ from cnca.files import replacing
 
 SrgbArray = Float[np.ndarray, "height width 3"]
 """Display-encoded red, green, blue in [0, 1], float32."""
+
+MOST_PIXELS = 8192**2
 
 READABLE = (".png", ".jpg", ".jpeg", ".exr")
 
@@ -64,8 +68,9 @@ def write_texture_srgb(path: str | Path, texture: SrgbArray) -> None:
         raise TextureError(f"{path}: expected shape (height, width, 3), got {texture.shape}")
     _check_range(path, texture)
     levels = np.rint(texture * 255).astype(np.uint8)
-    with replacing(path) as temporary:
-        cv2.imwrite(str(temporary), cv2.cvtColor(levels, cv2.COLOR_RGB2BGR))
+    encoded = cv2.imencode(".png", cv2.cvtColor(levels, cv2.COLOR_RGB2BGR))[1]
+    with replacing(path) as temporary:  # OpenCV itself would not say that a disk is full
+        temporary.write_bytes(encoded.tobytes())
 
 
 def write_exr(path: str | Path, layers: Mapping[str, Float[np.ndarray, "height width *n"]]) -> None:
@@ -99,7 +104,7 @@ def _read(path: Path) -> Float[np.ndarray, "height width channels"]:
     if path.suffix.lower() not in READABLE:
         hint = did_you_mean(path.suffix.lower(), READABLE)
         raise TextureError(f"{path}: not one of {', '.join(READABLE)}{hint}")
-    if not path.is_file():
+    if not os.path.isfile(path):  # also of names that no system takes
         raise TextureError(f"{path}: no such file; paths start at the scene file's folder")
     values = _read_exr(path) if path.suffix.lower() == ".exr" else _read_picture(path)
     _check_range(path, values)
@@ -107,7 +112,12 @@ def _read(path: Path) -> Float[np.ndarray, "height width channels"]:
 
 
 def _read_picture(path: Path) -> Float[np.ndarray, "height width channels"]:
-    pixels = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    try:
+        with Image.open(path) as header:
+            refuse_too_large(path, *header.size)
+        pixels = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError, cv2.error):
+        pixels = None
     if pixels is None:
         raise TextureError(f"{path}: cannot be decoded; is it really a {path.suffix} file?")
     scale = 65535 if pixels.dtype == np.uint16 else 255
@@ -122,14 +132,24 @@ def _read_exr(path: Path) -> Float[np.ndarray, "height width channels"]:
     import OpenEXR
 
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+        width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+        refuse_too_large(path, width, height)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError) as error:
+        present = [name for name in "RGBA" if name in channels] or sorted(channels)[:1]
+        return np.stack([np.asarray(channels[name], np.float32) for name in present], axis=-1)
+    except (RuntimeError, ValueError, TypeError, KeyError) as error:
         raise TextureError(
             f"{path}: cannot be read as EXR: {' '.join(str(error).split())}"
         ) from None
-    present = [name for name in "RGBA" if name in channels] or sorted(channels)[:1]
-    return np.stack([np.asarray(channels[name], np.float32) for name in present], axis=-1)
+
+
+def refuse_too_large(path: Path, width: int, height: int) -> None:
+    """Raise TextureError for more pixels than a picture may have; a header can promise any."""
+    if width * height > MOST_PIXELS:
+        raise TextureError(f"{path}: has {width} × {height} pixels; make it at most 8192 × 8192")
 
 
 def _grow_islands(

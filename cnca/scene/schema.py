@@ -5,6 +5,7 @@ Lengths are in metres, angles in degrees, colours sRGB in [0, 1], paths relative
 
 from __future__ import annotations
 
+import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -212,12 +213,12 @@ def load_scene(path: str | Path) -> Scene:
         raise SceneError(f"{path}: no such scene file; see scenes/ for examples") from None
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: cannot be read: {_one_line(error)}") from None
-    except (yaml.YAMLError, RecursionError) as error:
+    except Exception as error:  # PyYAML lets through what impossible dates and numbers raise
         raise SceneError(f"{path}: not valid YAML: {_one_line(error)}") from None
     if content is None:
         content = {}
     if not isinstance(content, dict):
-        raise SceneError(f"{path}: a scene file is a mapping of sections, got {content!r:.60}")
+        raise SceneError(f"{path}: a scene file is a mapping of sections, got {_short(content)}")
     if "base" in content:
         raise SceneError(f"{path}: base: unknown key; paths always start at the file's folder")
     try:
@@ -230,6 +231,11 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
+def _short(value: Any) -> str:
+    """The beginning of its text; aliases can make the whole text endless."""
+    return f"{reprlib.repr(value):.80}"
+
+
 def _explain(error: ValidationError) -> str:
     """The first problem as ``key: what is wrong (got value)``, with the nearest right key."""
     problem = _most_relevant(error.errors())
@@ -239,7 +245,9 @@ def _explain(error: ValidationError) -> str:
         section = _section_at(location[:-1], problem["loc"])
         hint = did_you_mean(str(location[-1]), section.model_fields) if section else ""
         return f"{where}: unknown key{hint}"
-    return f"{where}: {problem['msg'].removeprefix('Value error, ')} (got {problem['input']!r:.80})"
+    return (
+        f"{where}: {problem['msg'].removeprefix('Value error, ')} (got {_short(problem['input'])})"
+    )
 
 
 _UNION_TAGS = {"OrbitCamera", "CarlaCamera"}
