@@ -2,7 +2,7 @@
 
 Picture number k shows setting number k of :class:`cnca.scene.grid.Grid`, the vehicle with the noise
 of seed k, so it is the same however the work is split, interrupted or continued.  Some colours of
-one pose and weather have one background (see :mod:`cnca.mi_bridge.backgrounds`).
+one pose and weather share what lies around the vehicle, seen beside its plain paint.
 """
 
 from __future__ import annotations
@@ -16,19 +16,23 @@ from typing import Any
 import numpy as np
 import torch
 from rich.console import Console
+from torch import Tensor
 
 from cnca import build
 from cnca.color import linear_to_srgb
-from cnca.dataset import DataSet
+from cnca.dataset import DataSet, Mask
 from cnca.errors import RunError
 from cnca.manifest import hashes, versions, write_json
-from cnca.mi_bridge.backgrounds import KeptBackgrounds
+from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.pictures import as_pictures
 from cnca.progress import bar
+from cnca.scene.cameras import View
 from cnca.scene.effects import Demand
 from cnca.scene.grid import COLOURS, SHARING, Grid, Setting
 from cnca.scene.schema import Scene, load_scene
+from cnca.scene.weather import Weather
+from cnca.types import LinearTexture
 
 
 def parse_shard(text: str) -> tuple[int, int]:
@@ -91,17 +95,22 @@ class _Stage:
         demand = Demand(forced={"gradient": "off"})
         renderer = build.build_renderer(scene, vehicle, samples=samples, demand=demand)
         assert isinstance(renderer, MitsubaRenderer)
-        self._paint = build.build_paint(scene, vehicle)
-        self._mask = lru_cache(lambda view: renderer.vehicle_mask([view])[0])
-        # One place for the last background: no setting comes back once it is left.
-        self._background = lru_cache(1)(lambda *_: KeptBackgrounds(renderer, self._paint.apply()))
+        self._renderer, self._paint = renderer, build.build_paint(scene, vehicle)
+        self._albedo = lru_cache(self._make_albedo)
+        # One place for the last surroundings: no pose comes back once it is left.
+        self._around = lru_cache(1)(self._render_around)
 
     @torch.no_grad()
     def shoot(self, setting: Setting, *, seed: int) -> tuple[Any, np.ndarray, dict[str, Any]]:
         """Picture, mask and record."""
         view, weather = setting.view, setting.weather
-        albedo = self._paint.apply(torch.tensor(COLOURS[setting.colour]).reshape(3, 1, 1))
-        image = self._background(view, weather).render(albedo, [view], weather, seed=seed)
+        around, mask = self._around(view, weather)
+        on_vehicle = np.flatnonzero(mask)
+        vehicle = self._renderer.render_pixels(
+            self._albedo(setting.colour), [view], weather, on_vehicle, seed=seed
+        )
+        image = around.index_copy(0, torch.from_numpy(on_vehicle), vehicle)
+        image = image.reshape(1, *mask.shape, 3).permute(0, 3, 1, 2)
         fog = setting.weather.fog
         sight = f", {fog.visibility:.0f} m" if fog else ""
         record = asdict(setting) | {
@@ -109,7 +118,20 @@ class _Stage:
             "seed": seed,
             "caption": f"{setting.colour}, sun {setting.weather.sun_altitude:.0f}{sight}",
         }
-        return as_pictures(linear_to_srgb(image))[0], self._mask(view), record
+        return as_pictures(linear_to_srgb(image))[0], mask, record
+
+    def _make_albedo(self, colour: str) -> LinearTexture:
+        return self._paint.apply(torch.tensor(COLOURS[colour]).reshape(3, 1, 1))
+
+    def _render_around(self, view: View, weather: Weather) -> tuple[Tensor, Mask]:
+        """All pixels (height · width, 3), black where the vehicle's mask is not 0, and the mask."""
+        mask = self._renderer.vehicle_mask([view])[0]
+        image, beside = torch.zeros(mask.size, 3), np.flatnonzero(mask == 0)
+        if len(beside):
+            image[torch.from_numpy(beside)] = self._renderer.render_pixels(
+                self._paint.apply(), [view], weather, beside, seed=BACKGROUND_SEED
+            )
+        return image, mask
 
 
 def _claim(out: Path, request: dict[str, Any], scene_file: Path) -> None:
