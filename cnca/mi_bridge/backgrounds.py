@@ -87,6 +87,12 @@ class KeptBackgrounds:
                 self._references[view, weather] = image
         return torch.stack([self._references[view, weather] for view in views])
 
+    @property
+    def megabytes(self) -> float:
+        """Memory that the kept views take."""
+        kept = sum(b.image.nbytes + b.pixels.nbytes for b in self._kept.values())
+        return (kept + sum(image.nbytes for image in self._references.values())) / 1e6
+
     @torch.no_grad()
     def background(self, view: View, weather: Weather) -> Background:
         """What is kept; else it is rendered, alone: a resumed loop finds the same noise."""
