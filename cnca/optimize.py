@@ -121,7 +121,7 @@ class Attack:
         return self.generator.generate(text_feature, feature, noise)
 
     def render(
-        self, albedo: LinearTexture, views: list[View], weather: Weather, seed: int
+        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
     ) -> LinearImages:
         """The images that the detector sees, corrected by the residual where there is one."""
         images = parallel.render(self.renderer, albedo, views, weather, seed=seed)
