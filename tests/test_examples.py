@@ -38,7 +38,10 @@ def test_every_block_runs_and_the_first_is_the_command(small, tmp_path, monkeypa
         if "shots" not in page:
             by_page, settings = page["feature"], page["settings"]
     assert len(scores[1]) == 2  # before and after
-    assert scores[5][-1] < scores[5][0] - 0.1  # the stripes lose their red
+    assert scores[5][-1] < scores[5][0]
+    # Its detector likes red and dislikes green, always: F_adv ends at its bound, ±τ = ±1.
+    assert page["feature"][0, [0, 3]].eq(-1).all()
+    assert page["feature"][0, [1, 4]].eq(1).all()
     assert len(scores[6]) == 4
 
     request = run.Request(small, ("builtin",), tmp_path / "run", settings, held_out_views=1)
