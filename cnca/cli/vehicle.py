@@ -41,6 +41,37 @@ def check_vehicle(
     raise typer.Exit(0 if report["usable"] else 1)
 
 
+@app.command("print-sheets")
+def print_sheets(
+    run: Annotated[Path, typer.Argument(help="Folder of a finished cnca optimize.")],
+    out: Annotated[Path, typer.Option(help="PDF to write; a report goes beside it.")],
+    scale: Annotated[str, typer.Option(help="Of the model.")] = "1:12",
+    paper: Annotated[str, typer.Option(help="A4 to A1, Letter or Tabloid.")] = "A4",
+    profile: Annotated[
+        Path | None, typer.Option(help="ICC profile of the printer; default offset, coated paper.")
+    ] = None,
+    no_judge: Annotated[
+        bool, typer.Option("--no-judge", help="Do not predict the attack's strength in print.")
+    ] = False,
+) -> None:
+    """Print a camouflage for a model car: panels of true size, and what printing costs."""
+    from rich.console import Console
+
+    from cnca.print_sheets import markdown, print_sheets, read_scale
+
+    report = print_sheets(
+        run,
+        out,
+        scale=read_scale(scale),
+        paper=paper,
+        profile=profile,
+        judged=not no_judge,
+        console=Console(stderr=True),
+    )
+    typer.echo(markdown(report))
+    typer.echo(out)
+
+
 @app.command()
 def gallery(
     folder: Annotated[
