@@ -35,7 +35,6 @@ CACHE_FACTOR = 4
 SEAM_PADDING = 2
 """Texels of paint around every chart, for the filters."""
 SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
-SHIPPED_EFR = Path(__file__).parent / "assets" / "efr" / "raster.safetensors"
 
 
 def build_vehicle(scene: Scene) -> Vehicle:
@@ -222,15 +221,12 @@ def build_generator(
 
 
 def build_residual(path: Path | None) -> Residual | None:
-    """The trained EFR in a safetensors file; without a path nothing of it is even imported.
-
-    ``builtin`` is the shipped one, which corrects the backend ``raster``.
-    """
+    """The trained EFR in a safetensors file; without a path nothing of it is even imported."""
     if path is None:
         return None
     from cnca.efr.unet import EnvironmentFeatureRenderer
 
-    return EnvironmentFeatureRenderer.load(SHIPPED_EFR if path == Path("builtin") else path)
+    return EnvironmentFeatureRenderer.load(path)
 
 
 def build_detector(spec: str) -> Detector:

@@ -17,6 +17,7 @@ from cnca.types import (
     Detections,
     LinearImages,
     LinearTexture,
+    PlainPictures,
     SrgbImages,
     SrgbTexture,
 )
@@ -39,8 +40,8 @@ class Renderer(Protocol):
 class LoopRenderer(Renderer, Protocol):
     """A renderer that comes back to its views, and keeps what a residual needs of them."""
 
-    def reference(self, views: Sequence[View], weather: Weather) -> LinearImages:
-        """Return X_ref: the same pictures with the plain paint, path-traced, without gradient."""
+    def reference(self, views: Sequence[View], weather: Weather) -> PlainPictures:
+        """Return the same pictures with the plain paint: X_ref, and as ``render`` draws it."""
 
 
 @runtime_checkable
@@ -66,7 +67,7 @@ class TextureGenerator(Protocol):
 class Residual(Protocol):
     """Corrects rendered images (the paper's EFR); the identity when absent."""
 
-    def __call__(self, images: LinearImages, reference: LinearImages) -> LinearImages:
+    def __call__(self, images: LinearImages, reference: PlainPictures) -> LinearImages:
         """Return corrected images of the same shape."""
 
 

@@ -34,7 +34,7 @@ from cnca.scene.carla import read_carla_frame
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
-from cnca.types import SrgbTexture
+from cnca.types import PlainPictures, SrgbTexture
 
 WEATHERS, TEST_SHARE = 16, 0.25
 TEXTURES = 6
@@ -92,8 +92,10 @@ class Studio:
             slice(int(rows[0]), int(rows[-1]) + 1),
             slice(int(columns[0]), int(columns[-1]) + 1),
         )
-        reference = self._loop.reference([view], weather)[0]
-        return Shot(*(picture[part].clone() for picture in (reference, renders, truths, mask)))
+        plain = self._loop.reference([view], weather)
+        each = (plain.traced, plain.drawn, renders, truths, mask)
+        traced, drawn, *others = (picture[part].clone() for picture in each)
+        return Shot(PlainPictures(traced, drawn), *others)
 
 
 def train_efr(
@@ -117,7 +119,8 @@ def train_efr(
         views: views for the training, a quarter as many for the test; each in six textures.
 
     Returns:
-        The report: mean absolute errors of display values before and after, per epoch.
+        The report: mean absolute errors of display values before, after and per epoch, and the
+        share of the test pictures that are worse after.
 
     Raises:
         RunError: neither or both of scenes and frames are given, or a number is out of range.
@@ -158,12 +161,13 @@ def train_efr(
 
 
 def _report(outcome: Outcome) -> dict[str, Any]:
-    best = min([outcome.before, *outcome.after])
+    before, after = float(outcome.before.mean()), float(outcome.best.mean())
     return {
-        "error_before": round(outcome.before, 5),
-        "error_after": round(best, 5),
-        "remaining": round(best / outcome.before, 4),
-        "per_epoch": [round(error, 5) for error in outcome.after],
+        "error_before": round(before, 5),
+        "error_after": round(after, 5),
+        "remaining": round(after / before, 4),
+        "worse": round(float((outcome.best > outcome.before).float().mean()), 4),
+        "per_epoch": [round(float(errors.mean()), 5) for errors in outcome.after],
     }
 
 

@@ -67,6 +67,16 @@ class Detections:
         return Detections(self.boxes[keep], self.scores[keep], self.labels[keep])
 
 
+@dataclass(frozen=True)
+class PlainPictures:
+    """The vehicle in its plain paint, in some views of one weather, without gradient."""
+
+    traced: LinearImages
+    """X_ref: path-traced, clean, over the same backgrounds."""
+    drawn: LinearImages
+    """X_nr of that paint: as the loop's own renderer draws it."""
+
+
 def as_float(values: Tensor) -> Tensor:
     """``values`` as contiguous float32; integers are refused rather than scaled in silence."""
     if not values.is_floating_point():

@@ -12,6 +12,7 @@ from cnca import build, train_efr
 from cnca.errors import RunError
 from cnca.mi_bridge import backgrounds
 from cnca.scene.schema import load_scene
+from cnca.types import PlainPictures
 from tests.test_import_carla import write_frame
 
 SCENE = """
@@ -44,7 +45,9 @@ def test_from_renders(call, tmp_path):
     assert json.loads((tmp_path / "efr.json").read_text())["backend"] == "raster"
     residual = build.build_residual(tmp_path / "efr.safetensors")
     images = torch.rand(1, 3, 9, 9)
-    assert residual(images, images + 0.1).shape == images.shape
+    plain = PlainPictures(images + 0.1, images)
+    assert residual(images, plain).shape == images.shape
+    assert 0 <= report["worse"] <= 1
 
 
 def test_truth_and_reference_agree_in_the_plain_paint(call, monkeypatch):
@@ -54,10 +57,12 @@ def test_truth_and_reference_agree_in_the_plain_paint(call, monkeypatch):
     scene = load_scene(call.scene)
     studio = train_efr.Studio(scene, "raster", 1)
     shot = studio.shoot(build.build_views(scene)[0], scene.weather(), [None], seed=0)
-    assert shot.renders.shape == shot.truths.shape == (1, *shot.reference.shape)
-    assert not torch.equal(shot.truths[0], shot.reference)
-    error = ((shot.truths[0] - shot.reference).abs() * shot.mask).mean()
-    assert error < 0.5 * ((shot.renders[0] - shot.reference).abs() * shot.mask).mean()
+    traced = shot.plain.traced
+    assert torch.equal(shot.renders, shot.plain.drawn)
+    assert shot.renders.shape == shot.truths.shape == traced.shape
+    assert not torch.equal(shot.truths, traced)
+    error = ((shot.truths - traced).abs() * shot.mask).mean()
+    assert error < 0.5 * ((shot.renders - traced).abs() * shot.mask).mean()
 
 
 def test_from_frames(call, tmp_path):

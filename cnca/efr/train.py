@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -13,10 +14,12 @@ from torch import Tensor
 from cnca.color import linear_to_srgb
 from cnca.efr.unet import EnvironmentFeatureRenderer, weighted_bce
 from cnca.errors import NonFiniteError
-from cnca.types import LinearImages
+from cnca.types import LinearImages, PlainPictures
 
 LEARNING_RATE, EPOCHS = 0.01, 20
-"""The paper's (section 4.1)."""
+"""The paper's (section 4.1); ours falls to 0 along half a cosine."""
+GAIN_RATE = 0.1
+"""For the gain of what the renderer leaves out: three numbers that all pixels agree on."""
 HALF_LEVEL = 0.5 / 255
 """Display values nearer to 0 or 1 count as that: there the cross-entropy's slope is endless."""
 
@@ -25,8 +28,8 @@ HALF_LEVEL = 0.5 / 255
 class Shot:
     """One view in one weather with several textures; linear, cut out around the vehicle."""
 
-    reference: Float[Tensor, "3 height width"]
-    """X_ref."""
+    plain: PlainPictures
+    """X_ref, and X_nr of its paint; one picture each."""
     renders: LinearImages
     """X_nr of each texture."""
     truths: LinearImages
@@ -41,10 +44,15 @@ class Outcome:
 
     network: EnvironmentFeatureRenderer
     """Of the best epoch."""
-    before: float
-    """Mean absolute error on the test set without EFR."""
-    after: list[float]
+    before: Float[Tensor, " pictures"]
+    """Mean absolute error of each test picture without EFR."""
+    after: list[Float[Tensor, " pictures"]]
     """The same after each epoch."""
+
+    @property
+    def best(self) -> Float[Tensor, " pictures"]:
+        """Those of the epoch that is kept; of none, where all of them only harm."""
+        return min([self.before, *self.after], key=lambda errors: float(errors.mean()))
 
 
 def train(
@@ -62,9 +70,15 @@ def train(
     """
     torch.manual_seed(seed)
     network = EnvironmentFeatureRenderer()
-    optimizer = torch.optim.Adam(network.parameters(), lr=LEARNING_RATE)
+    maps = [p for name, p in network.named_parameters() if name != "left_out"]
+    groups: list[dict[str, Any]] = [
+        {"params": maps},
+        {"params": [network.left_out], "lr": GAIN_RATE},
+    ]
+    optimizer = torch.optim.Adam(groups, lr=LEARNING_RATE)
+    rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * len(shots))
     chance = torch.Generator().manual_seed(seed)
-    before, after = mean_absolute_error(network, test), []
+    before, after = absolute_errors(network, test), []
     best = copy.deepcopy(network.state_dict())
     for epoch in range(epochs):
         losses = []
@@ -76,29 +90,31 @@ def train(
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
+            rate.step()
             losses.append(loss.item())
-        after.append(mean_absolute_error(network, test))
-        if after[-1] <= min([before, *after]):
+        after.append(absolute_errors(network, test))
+        if all(after[-1].mean() <= errors.mean() for errors in (before, *after)):
             best = copy.deepcopy(network.state_dict())
-        after_epoch(sum(losses) / len(losses), after[-1])
+        after_epoch(sum(losses) / len(losses), float(after[-1].mean()))
     network.load_state_dict(best)
     return Outcome(network.eval().requires_grad_(False), before, after)
 
 
 @torch.no_grad()
-def mean_absolute_error(network: EnvironmentFeatureRenderer, shots: Sequence[Shot]) -> float:
-    """Of display values, over the vehicle's pixels and all shots alike."""
+def absolute_errors(
+    network: EnvironmentFeatureRenderer, shots: Sequence[Shot]
+) -> Float[Tensor, " pictures"]:
+    """Mean absolute error of display values over the vehicle's pixels, of each picture."""
     errors = []
     for shot in shots:
         difference = linear_to_srgb(_corrected(network, shot)) - linear_to_srgb(shot.truths)
-        errors.append(
-            (difference.abs() * shot.mask).sum() / (3 * len(difference) * shot.mask.sum())
-        )
-    return float(torch.stack(errors).mean())
+        errors.append((difference.abs() * shot.mask).mean(dim=(1, 2, 3)) / shot.mask.mean())
+    return torch.cat(errors)
 
 
 def _corrected(network: EnvironmentFeatureRenderer, shot: Shot) -> LinearImages:
-    corrected: Tensor = network(shot.renders, shot.reference.expand_as(shot.renders))
+    each = (picture.expand_as(shot.renders) for picture in (shot.plain.traced, shot.plain.drawn))
+    corrected: Tensor = network(shot.renders, PlainPictures(*each))
     return corrected
 
 

@@ -1,11 +1,17 @@
 """The EFR network (paper, section 3.2, after DTA): a U-Net that corrects a render.
 
-It reads the reference X_ref and the render X_nr and gives a multiplicative and an additive map,
-X_ren = X_nr · (1 + M) + A.  Both maps are zero before training, so it starts as the identity.
+It reads the reference X_ref and the render X_nr and gives a multiplicative and an additive map.
 
-The paper masks the vehicle out before and adds the background after.  Here both pictures show the
-same background: what is equal in them stays as it is, and the network works on the part of the
-picture around the rest.
+Two things are ours.  The paper masks the vehicle out before and adds the background after; here all
+pictures show the same background: what is equal in them stays as it is, and the network works on
+the part of the picture around the rest.  And it sees X_nr0, what the renderer makes of the
+reference's own paint.  Light adds up: if the renderer errs by a factor 1 + M in the light that
+paint scatters and leaves out all gloss, the truth is exactly X_ref + (1 + M) (X_nr − X_nr0).  So
+
+    X_ren = X_nr + g (X_ref − X_nr0) + M (X_nr − X_nr0) + A,
+
+g a trained number for each colour, M and A the network's maps.  All are zero before training: it
+starts as the identity.
 """
 
 from __future__ import annotations
@@ -21,15 +27,15 @@ from torch import Tensor, nn
 
 from cnca.errors import CncaError
 from cnca.files import replacing
-from cnca.types import LinearImages
+from cnca.types import LinearImages, PlainPictures
 
 WIDTHS = (16, 32, 32)
 FOLD = 2
 """Pixels of a side that the network sees as channels of one: a quarter of the work."""
 GROUPS = 4
 """Of channels, each normalized by itself."""
-DARKEST = 1e-3
-"""Added below the root that makes dark parts as distinct for the network as bright ones."""
+DARKEST = 1e-2
+"""Added below the logarithm that turns ratios of pictures into differences."""
 
 
 class EnvironmentFeatureRenderer(nn.Module):
@@ -37,32 +43,35 @@ class EnvironmentFeatureRenderer(nn.Module):
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS):
         super().__init__()
-        inputs = (6 * FOLD**2, *widths[:-1])
+        inputs = (9 * FOLD**2, *widths[:-1])
         self.down = nn.ModuleList(_block(i, o) for i, o in zip(inputs, widths, strict=True))
         pairs = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.up = nn.ModuleList(_block(deep + skip, skip) for deep, skip in pairs)
         self.maps = nn.Conv2d(widths[0], 6 * FOLD**2, kernel_size=1)
+        self.left_out = nn.Parameter(torch.zeros(3, 1, 1))
         for parameter in self.maps.parameters():
             nn.init.zeros_(parameter)
 
-    def forward(self, images: LinearImages, reference: LinearImages) -> LinearImages:
-        """Return X_ren, ≥ 0; differentiable in both inputs."""
-        vehicle = (images != reference).any(dim=1, keepdim=True)
+    def forward(self, images: LinearImages, reference: PlainPictures) -> LinearImages:
+        """Return X_ren, ≥ 0; differentiable in ``images``."""
+        vehicle = (images != reference.traced).any(dim=1, keepdim=True)
         if not vehicle.any():
             return images
         rows, columns = _extent(vehicle.any(dim=3)), _extent(vehicle.any(dim=2))
         corrected = images.clone()
         part = (..., rows, columns)
-        maps = self._maps(images[part], reference[part])
-        multiply, add = maps.chunk(2, dim=1)
-        inside = (images[part] * (1 + multiply) + add).clamp(min=0)
-        corrected[part] = torch.where(vehicle[part], inside, images[part])
+        cut = images[part], reference.traced[part], reference.drawn[part]
+        corrected[part] = torch.where(vehicle[part], self._correct(*cut).clamp(min=0), cut[0])
         return corrected
 
-    def _maps(self, images: LinearImages, reference: LinearImages) -> Tensor:
+    def _correct(self, images: LinearImages, traced: LinearImages, drawn: LinearImages) -> Tensor:
+        multiply, add = self._maps(images, traced, drawn).chunk(2, dim=1)
+        return images + self.left_out * (traced - drawn) + multiply * (images - drawn) + add
+
+    def _maps(self, *pictures: LinearImages) -> Tensor:
         """M and A, one after the other (batch, 6, height, width)."""
-        height, width = images.shape[-2:]
-        both = (torch.cat([images, reference], dim=1) + DARKEST).sqrt()
+        height, width = pictures[0].shape[-2:]
+        both = (torch.cat(pictures, dim=1).clamp(min=0) + DARKEST).log()
         both = F.pad(both, (0, -width % FOLD, 0, -height % FOLD), mode="replicate")
         features, skips = F.pixel_unshuffle(both, FOLD), []
         for level, block in enumerate(self.down):

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
-from cnca.types import Boxes, LinearImages, LinearTexture
+from cnca.types import Boxes, LinearImages, LinearTexture, PlainPictures
 
 BACKGROUND_SEED = 0x2545F491
 """Seed of every background, whichever step comes upon it first."""
@@ -68,8 +68,8 @@ class KeptBackgrounds:
         return torch.stack([self._boxes[view] for view in views])
 
     @torch.no_grad()
-    def reference(self, views: Sequence[View], weather: Weather) -> LinearImages:
-        """X_ref: the vehicle in its plain paint, cleanly rendered, over the same backgrounds."""
+    def reference(self, views: Sequence[View], weather: Weather) -> PlainPictures:
+        """The vehicle in its plain paint; what is drawn of it has X_ref as its expectation."""
         for view in views:
             if (view, weather) not in self._references:
                 kept = self.background(view, weather)
@@ -85,7 +85,8 @@ class KeptBackgrounds:
                 image = image.index_copy(0, torch.from_numpy(kept.pixels), vehicle)
                 image = image.reshape(*kept.image.shape[1:], 3).permute(2, 0, 1)
                 self._references[view, weather] = image
-        return torch.stack([self._references[view, weather] for view in views])
+        traced = torch.stack([self._references[view, weather] for view in views])
+        return PlainPictures(traced, drawn=traced)
 
     @property
     def megabytes(self) -> float:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import torch
+
 from cnca.mi_bridge.affine import AffinePicture, look_up
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
 from cnca.mi_bridge.renderer import refuse_bad_texture
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
-from cnca.types import Boxes, LinearImages, LinearTexture
+from cnca.types import Boxes, LinearImages, LinearTexture, PlainPictures
 
 Shading = Callable[[View, Weather, LinearTexture], AffinePicture]
 """Shades one view in one weather; interreflections may show the texture."""
@@ -22,6 +24,13 @@ class _Kept:
     picture: AffinePicture
     calls: int = 0
     """Renders that it has served."""
+    plain: LinearImages | None = None
+    """Drawn in the plain paint, once a residual asks for it."""
+
+    @property
+    def megabytes(self) -> float:
+        """Memory that it takes."""
+        return self.picture.megabytes + (0 if self.plain is None else self.plain.nbytes / 1e6)
 
 
 class LookupRenderer:
@@ -46,36 +55,52 @@ class LookupRenderer:
 
         Raises TextureError as :class:`cnca.mi_bridge.renderer.MitsubaRenderer` does.
         """
-        renderer = self.kept.renderer
-        refuse_bad_texture(albedo.detach(), renderer.texture_size)
+        refuse_bad_texture(albedo.detach(), self.kept.renderer.texture_size)
         pictures = [self.picture(view, weather, albedo) for view in views]
-        size = renderer.geometry.texture_size
+        return self._draw(albedo, pictures, views[0])
+
+    def _draw(
+        self, albedo: LinearTexture, pictures: Sequence[AffinePicture], view: View
+    ) -> LinearImages:
+        """All pictures, of the size of ``view``, with one texture."""
+        size = self.kept.renderer.geometry.texture_size
         texture = albedo.expand(3, size, size)
         images = look_up(ALBEDO_FLOOR + (1 - ALBEDO_FLOOR) * texture, pictures)
-        height, width = views[0].height, views[0].width
-        return images.reshape(len(views), height, width, 3).permute(0, 3, 1, 2)
+        return images.reshape(-1, view.height, view.width, 3).permute(0, 3, 1, 2)
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4), xyxy in pixels; see :class:`KeptBackgrounds`."""
         return self.kept.vehicle_boxes(views)
 
-    def reference(self, views: Sequence[View], weather: Weather) -> LinearImages:
-        """X_ref, path-traced; see :meth:`KeptBackgrounds.reference`."""
-        return self.kept.reference(views, weather)
+    @torch.no_grad()
+    def reference(self, views: Sequence[View], weather: Weather) -> PlainPictures:
+        """The plain paint, path-traced and as :meth:`render` draws it, from what is kept."""
+        drawn = []
+        for view in views:
+            kept = self._shaded(view, weather)
+            if kept.plain is None:
+                kept.plain = self._draw(self.kept.plain, [kept.picture], view)
+            drawn.append(kept.plain)
+        return PlainPictures(self.kept.reference(views, weather).traced, torch.cat(drawn))
 
     def picture(self, view: View, weather: Weather, albedo: LinearTexture) -> AffinePicture:
         """What is kept of one view, shaded now if it never was, or too long ago."""
-        kept = self._kept.get((view, weather))
-        if kept is None:
-            # In the plain paint, whichever step comes upon it: a resumed loop finds the same.
-            kept = _Kept(self.shading(view, weather, self.kept.plain))
-        elif self.refresh is not None and kept.calls >= self.refresh:
-            kept = _Kept(self.shading(view, weather, albedo))
+        kept = self._shaded(view, weather)
+        if self.refresh is not None and kept.calls >= self.refresh:
+            kept = self._kept[view, weather] = _Kept(self.shading(view, weather, albedo))
         kept.calls += 1
-        self._kept[view, weather] = kept
         return kept.picture
+
+    def _shaded(self, view: View, weather: Weather) -> _Kept:
+        """What is kept of one view, however long; a new one is shaded in the plain paint.
+
+        Whichever step comes upon it: a resumed loop finds the same.
+        """
+        if (view, weather) not in self._kept:
+            self._kept[view, weather] = _Kept(self.shading(view, weather, self.kept.plain))
+        return self._kept[view, weather]
 
     @property
     def megabytes(self) -> float:
         """Memory that the kept views take."""
-        return sum(kept.picture.megabytes for kept in self._kept.values())
+        return sum(kept.megabytes for kept in self._kept.values())

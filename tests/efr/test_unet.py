@@ -4,15 +4,32 @@ import torch
 from cnca.efr.unet import EnvironmentFeatureRenderer, weighted_bce
 from cnca.errors import CncaError
 from cnca.protocols import Residual
+from cnca.types import PlainPictures
 
 
 def pictures(seed: int, height: int = 37, width: int = 50) -> torch.Tensor:
     return torch.rand(2, 3, height, width, generator=torch.Generator().manual_seed(seed))
 
 
+def plain(traced: torch.Tensor) -> PlainPictures:
+    """A renderer that draws the plain paint a bit too bright."""
+    return PlainPictures(traced, 1.1 * traced)
+
+
 def test_is_the_identity_before_training_at_odd_sizes():
     images = pictures(0)
-    assert torch.equal(EnvironmentFeatureRenderer()(images, pictures(1)), images)
+    assert torch.equal(EnvironmentFeatureRenderer()(images, plain(pictures(1))), images)
+
+
+def test_gloss_and_light_that_a_renderer_leaves_out_come_back():
+    """The closed form of the module's docstring, with the network's maps held at one number."""
+    efr, paint, own_paint = EnvironmentFeatureRenderer((4, 8)), pictures(0), pictures(1)
+    light, gloss = pictures(2), pictures(3)
+    with torch.no_grad():
+        efr.left_out.fill_(1)
+        efr.maps.bias[: len(efr.maps.bias) // 2] = 0.25 - 1
+    reference = PlainPictures(0.25 * light * own_paint + gloss, light * own_paint)
+    torch.testing.assert_close(efr(light * paint, reference), 0.25 * light * paint + gloss)
 
 
 def test_is_a_residual():
@@ -21,8 +38,8 @@ def test_is_a_residual():
 
 def test_learns_a_tint():
     torch.manual_seed(0)
-    efr, images, reference = EnvironmentFeatureRenderer((4, 8)), pictures(0), pictures(1)
-    truth = images * 0.5
+    efr, images, dark = EnvironmentFeatureRenderer((4, 8)), pictures(0), 0.1 * pictures(1)
+    truth, reference = images * 0.5, PlainPictures(dark, 2 * dark)
     optimizer = torch.optim.Adam(efr.parameters(), lr=0.02)
     for _ in range(60):
         optimizer.zero_grad()
@@ -39,13 +56,13 @@ def test_what_both_pictures_share_stays_as_it_is():
     reference, changed = images.clone(), torch.zeros(2, 1, 37, 50, dtype=torch.bool)
     changed[0, :, 10:21, 5:30] = changed[1, :, 12:25, 8:33] = True
     reference = torch.where(changed, reference + 0.1, reference)
-    corrected = efr(images, reference)
+    corrected = efr(images, plain(reference))
     different = (corrected != images).any(dim=1, keepdim=True)
     assert not different[~changed].any()
     assert different[changed].float().mean() > 0.9
     small = (..., slice(10, 25), slice(5, 33))
-    assert torch.allclose(efr(images[small], reference[small]), corrected[small])
-    assert torch.equal(efr(images, images), images)
+    assert torch.allclose(efr(images[small], plain(reference[small])), corrected[small])
+    assert torch.equal(efr(images, plain(images)), images)
 
 
 def test_saved_weights_come_back(tmp_path):
@@ -53,7 +70,7 @@ def test_saved_weights_come_back(tmp_path):
     efr = EnvironmentFeatureRenderer()
     torch.nn.init.normal_(efr.maps.weight)
     efr.save(tmp_path / "efr.safetensors")
-    images, reference = pictures(2), pictures(3)
+    images, reference = pictures(2), plain(pictures(3))
     again = EnvironmentFeatureRenderer.load(tmp_path / "efr.safetensors")
     assert torch.equal(again(images, reference), efr(images, reference))
 
