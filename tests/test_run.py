@@ -21,7 +21,9 @@ def test_a_missing_or_unknown_verb_lists_the_verbs(arguments):
     answer = _run(*arguments)
     assert answer.returncode == 1
     assert answer.stderr.startswith("error: ")
-    assert all(verb in answer.stderr for verb in ("setup", "demo", "test", "lint", "docs", "package"))
+    assert all(
+        verb in answer.stderr for verb in ("setup", "demo", "test", "lint", "docs", "package")
+    )
 
 
 def test_help_succeeds():
