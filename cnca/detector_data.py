@@ -1,14 +1,15 @@
-"""Renders the pictures on which the built-in detector is trained and tested.
+"""Renders the pictures on which detectors are trained and tested.
 
-Every picture shows one of the built-in vehicles, or none, among boxes, barrels and the like that
-may wear the same texture: so neither a loud texture nor a blob on the ground makes a car.
+Every picture shows a vehicle, or none, among boxes, barrels and the like that may wear the same
+texture: so neither a loud texture nor a blob on the ground makes a car.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +36,6 @@ PICTURES_PER_SCENE = 15
 WEATHERS_PER_SCENE = 3
 EMPTY_SHARE, FOG_SHARE, TEST_SHARE = 0.15, 0.4, 0.15
 LOUD = ("blocks", "shuffled", "prompt")
-LOUD_STRIDE = 20
-"""Of the training pictures in loud paint every so many-th is kept: on roads they are rare, and a
-detector that sees nothing else learns to disregard paint altogether."""
 TEXTURE_SIZE, SAMPLES = 256, 8
 LEAST_PIXELS = 300
 """A vehicle hidden beyond this is not one to find."""
@@ -46,6 +44,30 @@ PLAIN_PAINTS = (
     (0.60, 0.05, 0.06), (0.08, 0.16, 0.45), (0.05, 0.25, 0.16), (0.78, 0.70, 0.55),
 )  # fmt: skip
 """sRGB colours in which most cars are sold."""
+
+
+@dataclass(frozen=True)
+class Cast:
+    """What the pictures show, apart from surroundings, weather and views."""
+
+    vehicles: Mapping[str, Callable[[], Vehicle]]
+    """Name → what builds it; a scene shows one of them, or none."""
+    paint: Paint
+    groups: tuple[str, ...] = GROUPS
+    """Kinds of paint, in turn."""
+    textures: Mapping[str, SrgbTexture] = field(default_factory=dict)
+    """Kinds of paint that are one texture each."""
+    loud_stride: int = 1
+    """Of the training pictures in loud paint every so many-th is kept."""
+
+
+BUILTIN_CAST = Cast(
+    {name: partial(build_sedan, shape, name) for name, shape in BUILTIN_VEHICLES.items()},
+    Paint(torch.zeros(3, TEXTURE_SIZE, TEXTURE_SIZE), torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE)),
+    loud_stride=20,
+)
+"""All built-in vehicles.  Loud paint is rare, as on roads: a detector that sees nothing else learns
+to disregard paint altogether."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +80,20 @@ class _Picture:
 
 
 def render_detector_data(
-    out: Path, *, pictures: int, seed: int, size: int = 256, prompts: Sequence[SrgbTexture] = ()
+    out: Path, *, pictures: int, seed: int, size: int = 256, cast: Cast = BUILTIN_CAST
 ) -> None:
     """Write ``images.npy`` and ``labels.json`` into ``out``; continues where it was interrupted.
 
     Args:
         pictures: how many; rounded up to whole scenes of 15.
         size: pixels per side.
-        prompts: textures made by a diffusion model, used beside procedural ones.
+        cast: vehicles and paints.
+
+    Raises:
+        DetectorError: ``pictures`` is not positive.
     """
+    if pictures < 1:
+        raise DetectorError(f"--pictures {pictures}: give at least one")
     out.mkdir(parents=True, exist_ok=True)
     scenes = -(-pictures // PICTURES_PER_SCENE)
     columns = (
@@ -77,9 +104,9 @@ def render_detector_data(
         for index in range(scenes):
             part = out / f"scene{index:04d}.npz"
             if not part.exists():
-                _save(part, _render_scene(np.random.default_rng([seed, index]), size, prompts))
+                _save(part, _render_scene(np.random.default_rng([seed, index]), size, cast))
             progress.advance(task)
-    _merge(out, scenes)
+    _merge(out, scenes, cast.loud_stride)
 
 
 def _save(path: Path, pictures: list[_Picture]) -> None:
@@ -88,7 +115,7 @@ def _save(path: Path, pictures: list[_Picture]) -> None:
         np.savez(file, images=np.stack([p.image for p in pictures]), labels=labels)
 
 
-def _merge(out: Path, scenes: int) -> None:
+def _merge(out: Path, scenes: int, loud_stride: int) -> None:
     """Join the scenes; the first ones are for testing, and keep all of their loud paint."""
     images: list[np.ndarray] = []
     table: dict[str, list] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
@@ -100,7 +127,7 @@ def _merge(out: Path, scenes: int) -> None:
         for picture, label in zip(pictures, labels, strict=True):
             if split == "train" and label["group"] in LOUD:
                 loud += 1
-                if loud % LOUD_STRIDE:
+                if loud % loud_stride:
                     continue
             images.append(picture)
             table["boxes"].append([label["box"]] if label["box"] else [])
@@ -112,26 +139,22 @@ def _merge(out: Path, scenes: int) -> None:
         temporary.write_text(json.dumps(table))
 
 
-def _render_scene(
-    rng: np.random.Generator, size: int, prompts: Sequence[SrgbTexture]
-) -> list[_Picture]:
+def _render_scene(rng: np.random.Generator, size: int, cast: Cast) -> list[_Picture]:
     empty = rng.random() < EMPTY_SHARE
-    shape = str(rng.choice(list(BUILTIN_VEHICLES)))
-    vehicle = Vehicle("none", ()) if empty else build_sedan(BUILTIN_VEHICLES[shape], shape)
+    name = str(rng.choice(list(cast.vehicles)))
+    vehicle = Vehicle("none", ()) if empty else cast.vehicles[name]()
     renderer = MitsubaRenderer(
         vehicle,
         ground_albedo=(rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3)).tolist(),
-        texture_size=TEXTURE_SIZE,
+        texture_size=cast.paint.base.shape[-1],
         samples=SAMPLES,
         props=_surround(rng),
     )
-    everywhere = torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE)
     weathers = [_weather(rng) for _ in range(WEATHERS_PER_SCENE)]
     pictures = []
     for k in range(PICTURES_PER_SCENE):
-        group = GROUPS[k % len(GROUPS)]
-        texture = _texture(group, rng, prompts)
-        albedo = Paint(texture, everywhere).apply()
+        group = cast.groups[k % len(cast.groups)]
+        albedo = cast.paint.apply(_texture(group, rng, cast.textures))
         view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
         seed = int(rng.integers(2**31))
         with torch.no_grad():
@@ -195,8 +218,10 @@ def _view(rng: np.random.Generator, size: int) -> View:
     )
 
 
-def _texture(group: str, rng: np.random.Generator, prompts: Sequence[SrgbTexture]) -> SrgbTexture:
+def _texture(group: str, rng: np.random.Generator, fixed: Mapping[str, SrgbTexture]) -> SrgbTexture:
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    if group in fixed:
+        return fixed[group]
     if group == "plain":
         color = torch.tensor(PLAIN_PAINTS[rng.integers(len(PLAIN_PAINTS))])
         return color[:, None, None].expand(3, TEXTURE_SIZE, TEXTURE_SIZE).clone()
@@ -204,16 +229,10 @@ def _texture(group: str, rng: np.random.Generator, prompts: Sequence[SrgbTexture
         return controls.uniform(TEXTURE_SIZE, generator)
     if group == "blocks":
         return controls.random_blocks(TEXTURE_SIZE, generator, blocks=int(rng.integers(4, 24)))
-    texture = _prompt_texture(rng, prompts)
+    texture = torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
     if group == "shuffled":
         return controls.shuffled(texture, generator, blocks=int(2 ** rng.integers(2, 6)))
     return texture
-
-
-def _prompt_texture(rng: np.random.Generator, prompts: Sequence[SrgbTexture]) -> SrgbTexture:
-    if prompts and rng.random() < 0.5:
-        return prompts[int(rng.integers(len(prompts)))]
-    return torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
 
 
 def train_builtin(
@@ -230,11 +249,7 @@ def train_builtin(
     if kind not in TRAINED:
         hint = did_you_mean(kind, TRAINED)
         raise DetectorError(f"kind '{kind}': unknown; there is {', '.join(TRAINED)}{hint}")
-    render_detector_data(out / "pictures", pictures=pictures, seed=seed)
-    return train_detector(
-        out / "pictures",
-        out / kind,
-        Settings(epochs=epochs, seed=seed),
-        template=TRAINED[kind],
-        resume=resume,
-    )
+    settings = Settings(epochs=epochs, seed=seed)
+    folder = out / "pictures"
+    render_detector_data(folder, pictures=pictures, seed=seed)
+    return train_detector(folder, out / kind, settings, template=TRAINED[kind], resume=resume)

@@ -6,6 +6,8 @@ box that overlaps it.  Their score is to become the overlap that they reach.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -35,7 +37,17 @@ def anchor_free_loss(
     """
     read = [head.read(values, size) for head, values in zip(heads, raw, strict=True)]
     boxes, logits = (torch.cat(part, dim=1) for part in zip(*read, strict=True))
-    places = torch.cat([_places(values, size) for values in raw])
+    return aligned_loss(boxes, logits, cell_places([v.shape[2:] for v in raw], size), targets)
+
+
+def aligned_loss(
+    boxes: Float[Tensor, "batch cells 4"],
+    logits: Float[Tensor, "batch cells classes"],
+    places: Float[Tensor, "cells 3"],
+    targets: Targets,
+) -> dict[str, Float[Tensor, ""]]:
+    """The same for boxes (xyxy in pixels) and class logits of the cells at ``places``."""
+    places = places.to(boxes)
     wanted = torch.zeros_like(logits)
     box_loss = boxes.new_zeros(())
     for image in targets.images.unique().tolist():
@@ -76,9 +88,15 @@ def assign(
     return cell, which, quality[cell, which].clamp(max=1.0)
 
 
-def _places(raw: Raw, size: tuple[int, int]) -> Float[Tensor, "cells 3"]:
-    """x and y of the cells' middles and the larger stride, in pixels of the input."""
-    rows, columns = raw.shape[2:]
-    strides = (size[1] / columns, size[0] / rows)
-    middles = (cell_corners(rows, columns, raw) + 0.5) * raw.new_tensor(strides)
-    return torch.cat([middles, torch.full_like(middles[..., :1], max(strides))], -1).flatten(0, 1)
+def cell_places(grids: Iterable[Sequence[int]], size: tuple[int, int]) -> Float[Tensor, "cells 3"]:
+    """x and y of all cells' middles and their larger stride, in pixels of the input.
+
+    ``grids`` are the (rows, columns) of each level, ``size`` the input's (height, width).
+    """
+    places = []
+    for rows, columns in grids:
+        strides = torch.tensor((size[1] / columns, size[0] / rows))
+        middles = (cell_corners(rows, columns, strides) + 0.5) * strides
+        widths = strides.amax().expand(rows, columns, 1)
+        places.append(torch.cat([middles, widths], dim=-1).flatten(0, 1))
+    return torch.cat(places)

@@ -17,7 +17,7 @@ from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Convolution, Darknet, Head
 from cnca.detect.dataset import TRAIN, LabelledPictures
 from cnca.detect.subject import Subject, autocast
-from cnca.detect.weights import save_weights
+from cnca.detect.weights import load_weights, save_weights
 from cnca.detect.yolo import YoloHead
 from cnca.detect.yolo_loss import Targets, yolo_loss
 from cnca.errors import DetectorError
@@ -52,6 +52,18 @@ class DarknetSubject(Subject):
         if not config.exists():
             write_config(data, template, config, seed)
         return cls(config, seed)
+
+    @classmethod
+    def fine_tune(
+        cls, data: LabelledPictures, template: Path, out: Path, seed: int
+    ) -> DarknetSubject:
+        """Copy ``template`` into ``out`` as it is, and read the weights beside it."""
+        for suffix in (".cfg", ".names"):
+            text = template.with_suffix(suffix).read_text(encoding="utf-8")
+            write_text(out / f"{template.stem}{suffix}", text)
+        subject = cls(out / template.name, seed)
+        load_weights(cast(Darknet, subject.network), template.with_suffix(".safetensors"))
+        return subject
 
     def losses(self, images: Tensor, targets: Targets, *, bfloat16: bool) -> dict[str, Tensor]:
         """The losses of the heads; the convolutions may use bfloat16."""

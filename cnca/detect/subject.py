@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import Self
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from cnca.detect.dataset import LabelledPictures
 from cnca.detect.yolo_loss import Targets
 
 
@@ -20,6 +22,16 @@ class Subject(ABC):
     """Height and width of the network's input in pixels."""
     learning_rate: float
     """The optimizer's largest step size."""
+
+    @classmethod
+    @abstractmethod
+    def begin(cls, data: LabelledPictures, template: Path, out: Path, seed: int) -> Self:
+        """A new network of ``template`` for the classes of ``data``, to be saved into ``out``."""
+
+    @classmethod
+    @abstractmethod
+    def fine_tune(cls, data: LabelledPictures, template: Path, out: Path, seed: int) -> Self:
+        """The same with the weights of ``template``."""
 
     @abstractmethod
     def losses(

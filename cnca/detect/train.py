@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import cv2
 import torch
 from rich.progress import Progress
 from torch.optim import AdamW
@@ -29,6 +28,8 @@ Tensors = list[torch.Tensor] | tuple[torch.Tensor, ...]
 
 WARM_UP, WEIGHT_DECAY, AVERAGING = 0.05, 0.02, 0.998
 LARGEST_GRADIENT = 10.0
+FINE_TUNING = 0.25
+"""Step size of fine-tuning relative to that of a training from scratch."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,12 @@ class Settings:
     seed: int = 0
     bfloat16: bool = True
     """Convolve in bfloat16 (several times faster on processors with AMX)."""
+    fine_tune: bool = False
+    """Begin with the template's own weights and anchors, and take smaller steps."""
+
+    def __post_init__(self) -> None:
+        if self.epochs < 1:
+            raise RunError(f"--epochs {self.epochs}: a training needs at least one")
 
 
 class Training:
@@ -65,8 +72,9 @@ class Training:
 
     def step(self, images: torch.Tensor, targets: Targets, progress: float) -> dict[str, float]:
         """One step of the optimizer; returns the losses by name."""
+        rate = self.subject.learning_rate * (FINE_TUNING if self.settings.fine_tune else 1.0)
         for group in self.optimizer.param_groups:
-            group["lr"] = self.subject.learning_rate * rate_factor(progress)
+            group["lr"] = rate * rate_factor(progress)
         self.network.train()
         images = images.contiguous(memory_format=torch.channels_last)
         losses = self.subject.losses(images, targets, bfloat16=self.settings.bfloat16)
@@ -138,7 +146,7 @@ def train_detector(
     out.mkdir(parents=True, exist_ok=True)
     if not any(len(data.boxes[index]) for index in data.of_split(TRAIN)):
         raise DetectorError(f"{data.folder}: no boxes to train on")
-    training = Training(start(data, template, out, settings.seed), settings)
+    training = Training(start(data, template, out, settings), settings)
     if checkpoint.exists():
         training.load(checkpoint)
         log(f"resumed after epoch {training.epoch}")
@@ -154,13 +162,15 @@ def train_detector(
     return report
 
 
-def start(data: LabelledPictures, template: Path, out: Path, seed: int) -> Subject:
-    """A new network of ``template`` for the classes of ``data``, to be saved into ``out``."""
-    if template.suffix == ".cfg":
-        return DarknetSubject.begin(data, template, out, seed)
-    from cnca.detect.transformer_subject import TransformerSubject
+def start(data: LabelledPictures, template: Path, out: Path, settings: Settings) -> Subject:
+    """The network of ``template`` for the classes of ``data``, to be saved into ``out``."""
+    kind: type[Subject] = DarknetSubject
+    if template.suffix != ".cfg":
+        from cnca.detect.transformer_subject import TransformerSubject
 
-    return TransformerSubject.begin(data, template, out, seed)
+        kind = TransformerSubject
+    begin = kind.fine_tune if settings.fine_tune else kind.begin
+    return begin(data, template, out, settings.seed)
 
 
 def run_epochs(
@@ -209,6 +219,9 @@ def moving_average(averaged: Tensors, current: Tensors, steps: torch.Tensor | in
 
 
 def _loader(pictures: TrainingPictures, settings: Settings) -> DataLoader:
+    """Batches in random order, made in this process: one forked from it may wait for ever for the
+    locks of threads that it does not have, such as the renderer's.
+    """
     order = torch.Generator().manual_seed(settings.seed * 1_000_003 + pictures.epoch)
     return DataLoader(
         pictures,
@@ -217,10 +230,4 @@ def _loader(pictures: TrainingPictures, settings: Settings) -> DataLoader:
         drop_last=True,
         generator=order,
         collate_fn=collate,
-        num_workers=1,
-        worker_init_fn=_use_one_thread,
     )
-
-
-def _use_one_thread(_worker: int) -> None:
-    cv2.setNumThreads(1)

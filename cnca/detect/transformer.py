@@ -61,7 +61,7 @@ class TransformersDetector(CandidateDetector):
         _check(folder, config)
         preparation = folder / "preprocessor_config.json"
         options = _read_json(preparation) if preparation.is_file() else {}
-        return cls(_load_model(folder).to(device), name or folder.resolve().name, options)
+        return cls(load_model(folder).to(device), name or folder.resolve().name, options)
 
     def candidates(self, images: SrgbImages) -> Candidates:
         """Return one box per query in pixels of ``images``; differentiable in ``images``.
@@ -140,7 +140,8 @@ def _check(folder: Path, config: dict[str, Any]) -> None:
         raise DetectorError(f"{where}: backbone '{name}' lies elsewhere; give a backbone_config")
 
 
-def _load_model(folder: Path) -> nn.Module:
+def load_model(folder: Path) -> nn.Module:
+    """The network of a folder; raises DetectorError where its weights do not fit."""
     from transformers import AutoModelForObjectDetection
     from transformers.utils import logging
 

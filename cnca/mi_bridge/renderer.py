@@ -238,7 +238,7 @@ class MitsubaRenderer:
         field = solve_fog(fog, light, self.ground_albedo, fog_model)
         white = lambertian_white(*_at_height(field, 1.0), light.sun_direction)
         forward = None
-        if fog_model == "field":
+        if fog_model == "field" and self.vehicle.parts:
             forward = self._forward_share(self.geometry, fog.asymmetry)
         layer = FogLayer(fog, field, sky, forward)
         return _Atmosphere(Surroundings(sky, layer, panes), exposure=1 / max(white, DARKEST))

@@ -7,7 +7,7 @@ import torch
 
 from cnca.boxes import cxcywh_to_xyxy
 from cnca.detect.anchor_free import USUAL_SIZE, AnchorFreeHead
-from cnca.detect.anchor_free_loss import RADIUS, anchor_free_loss, assign
+from cnca.detect.anchor_free_loss import RADIUS, anchor_free_loss, assign, cell_places
 from cnca.detect.yolo_loss import Targets
 
 
@@ -38,6 +38,14 @@ def test_start():
     assert found.class_scores.unique().tolist() == pytest.approx([0.01])
     size = found.boxes[0, :, 2:] - found.boxes[0, :, :2]
     assert size.unique().tolist() == pytest.approx([4 * USUAL_SIZE])
+
+
+def test_places_of_cells_by_hand():
+    """Strides 32 × 16 and 64 × 64 in an input of 64 × 64."""
+    places = cell_places([(2, 4), (1, 1)], (64, 64))
+    rows = [[8.0, 16, 32], [24, 16, 32], [40, 16, 32], [56, 16, 32]]
+    rows += [[x, 48, 32] for x in (8.0, 24, 40, 56)]
+    assert places.tolist() == [*rows, [32.0, 32, 64]]
 
 
 class TestAssignment:

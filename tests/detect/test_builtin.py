@@ -11,7 +11,7 @@ from cnca.detect.dataset import LabelledPictures
 from cnca.detect.train import Settings, Training, start
 from cnca.detect.yolo_loss import Targets
 from cnca.detector_data import train_builtin
-from cnca.errors import DetectorError
+from cnca.errors import CncaError, DetectorError
 from tests.detect.test_detectors import DetectorContract
 
 LARGEST = 15e6
@@ -35,7 +35,7 @@ def pictures(tmp_path_factory):
 def subject(request, pictures, tmp_path_factory):
     """A new network of each kind, at its full size."""
     out = tmp_path_factory.mktemp(request.param)
-    return start(pictures, TRAINED[request.param], out, seed=0)
+    return start(pictures, TRAINED[request.param], out, Settings())
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +63,21 @@ def test_loss_falls(subject, pictures):
     assert totals[-1] < 0.7 * totals[0]
 
 
+def test_transformers_proposals_begin_at_usual_size(pictures, tmp_path):
+    """Not at the size of the library's anchors; and signal reaches the decoder."""
+    network = start(pictures, TRAINED["transformer"], tmp_path, Settings()).network
+    with torch.no_grad():
+        found = network(pixel_values=torch.rand(4, 3, 256, 256))
+    sizes = found.enc_outputs_coord_logits.sigmoid()[..., 2:]
+    assert 0.15 < sizes.median() < 0.6
+    assert all(features.std() > 0.1 for features in found.encoder_last_hidden_state)
+
+
 def test_all_are_small(tmp_path, pictures):
     """All kinds together, as they are saved."""
     sizes = []
     for kind, template in TRAINED.items():
-        subject = start(pictures, template, tmp_path / kind, seed=0)
+        subject = start(pictures, template, tmp_path / kind, Settings())
         subject.save(subject.network)
         sizes += [file.stat().st_size for file in (tmp_path / kind).rglob("*.safetensors")]
     assert len(sizes) == len(TRAINED)
@@ -85,3 +95,13 @@ def test_files(name):
 def test_unknown_kind(tmp_path):
     with pytest.raises(DetectorError, match="kind 'anchorfree': unknown; .*'anchor-free'"):
         train_builtin(tmp_path, kind="anchorfree", pictures=15, epochs=1, seed=0, resume=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"epochs": 0}, "--epochs 0: a training needs"), ({"pictures": 0}, "--pictures 0: give")],
+)
+def test_nothing_to_train(tmp_path, options, message):
+    settings = {"kind": "yolo", "pictures": 15, "epochs": 1, "seed": 0, "resume": False} | options
+    with pytest.raises(CncaError, match=message):
+        train_builtin(tmp_path, **settings)

@@ -14,7 +14,7 @@ from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Darknet
 from cnca.detect.dataset import LabelledPictures
 from cnca.detect.measure import measure
-from cnca.detect.train import Settings, rate_factor, train_detector
+from cnca.detect.train import Settings, rate_factor, start, train_detector
 from cnca.detect.white_box import DarknetDetector
 from cnca.detect.yolo_loss import Targets, ciou, yolo_loss
 from cnca.errors import DetectorError, RunError
@@ -177,6 +177,16 @@ class TestOtherKinds:
             train_detector(shapes, out, settings, template=other_template, resume=stops)
             results.append(next(out.glob("*.safetensors")).read_bytes())
         assert results[0] == results[1]
+
+    def test_fine_tuning_begins_with_the_weights(self, shapes, other_template, tmp_path):
+        data, images = LabelledPictures(shapes), torch.rand(2, 3, 64, 64)
+        first = start(data, other_template, tmp_path / "first", Settings(seed=1))
+        saved = first.save(first.network)
+        second = start(data, saved, tmp_path / "second", Settings(fine_tune=True))
+        again = load_detector(str(second.save(second.network))).candidates(images)
+        expected = load_detector(str(saved)).candidates(images)
+        torch.testing.assert_close(again.boxes, expected.boxes)
+        torch.testing.assert_close(again.class_scores, expected.class_scores)
 
 
 def test_time_limit_ends_training_with_a_rate_of_zero(shapes, template, tmp_path):

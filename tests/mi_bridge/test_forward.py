@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from cnca.mi_bridge.forward import (
     RAYS,
@@ -13,7 +14,11 @@ from cnca.mi_bridge.forward import (
     measure_share,
     table_distances,
 )
+from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
+from cnca.scene.cameras import orbit_view
+from cnca.scene.mesh import Vehicle
+from cnca.scene.weather import Fog, Weather
 
 ERROR = 0.5 / np.sqrt(RAYS / 4)
 """Bound on one share's standard error: at least a quarter of the rays meet the vehicle."""
@@ -63,3 +68,12 @@ def test_kernels_read_the_table(renderer):
     f, Φ = forward(mi.Float(np.float32(u)), mi.Bool(True))
     np.testing.assert_allclose(np.array(f), share[:-1], atol=1e-4)
     np.testing.assert_allclose(np.array(Φ), integrated(share)[:-1], rtol=1e-3, atol=1e-3)
+
+
+def test_fog_without_a_vehicle():
+    """The pictures of empty streets for detectors."""
+    renderer = MitsubaRenderer(Vehicle("none", ()), ground_albedo=[0.2] * 3, texture_size=8)
+    view = orbit_view(0, 20, 8, fov=45, width=8, height=8)
+    image = renderer.render(torch.zeros(3, 8, 8), [view], Weather(fog=Fog(60)), seed=0)
+    assert image.isfinite().all()
+    assert image.min() > 0
