@@ -1,4 +1,4 @@
-"""Commands that train what ships with the package."""
+"""Commands that train what ships with the package, and harden it."""
 
 from __future__ import annotations
 
@@ -55,6 +55,36 @@ def train_detector(
         out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume
     )
     typer.echo(report)
+
+
+@app.command()
+def harden(
+    texture: Annotated[
+        list[str], typer.Option(help="Camouflage, as for evaluate; repeatable: [NAME=]PATH.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for pictures, weights and table.")],
+    detector: Annotated[str, typer.Option(help="A built-in one.")] = "builtin",
+    scene: Annotated[
+        Path | None, typer.Option(help="Scene file; by default that of the first texture's run.")
+    ] = None,
+    pictures: Annotated[int, typer.Option(help="Pictures to render.")] = 480,
+    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 24,
+    views: Annotated[int, typer.Option(help="Held-out views that judge it.")] = 96,
+    seed: Seed = 0,
+    resume: Resume = False,
+) -> None:
+    """Train a built-in detector on camouflages, and measure AP@0.5 before and after."""
+    from rich.console import Console
+
+    from cnca.harden import Request, harden
+    from cnca.interrupts import resumable
+
+    request = Request(tuple(texture), out, detector, scene, pictures, epochs, views, seed)
+    console = Console(stderr=True)
+    with resumable(console, f"the same command with --resume goes on in {out}"):
+        harden(request, console, resume=resume)
+    typer.echo((out / "hardening.md").read_text(encoding="utf-8"))
+    typer.echo(f"hardened detector: --detector {request.hardened}")
 
 
 @app.command("train-efr")
