@@ -18,6 +18,7 @@ from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
 from cnca.scene.cameras import orbit_view
 from cnca.scene.mesh import Vehicle
+from cnca.scene.props import box
 from cnca.scene.weather import Fog, Weather
 
 ERROR = 0.5 / np.sqrt(RAYS / 4)
@@ -72,7 +73,8 @@ def test_kernels_read_the_table(renderer):
 
 def test_fog_without_a_vehicle():
     """The pictures of empty streets for detectors."""
-    renderer = MitsubaRenderer(Vehicle("none", ()), ground_albedo=[0.2] * 3, texture_size=8)
+    props = (box(np.ones(3)),)
+    renderer = MitsubaRenderer(Vehicle("none", ()), texture_size=8, props=props)
     view = orbit_view(0, 20, 8, fov=45, width=8, height=8)
     image = renderer.render(torch.zeros(3, 8, 8), [view], Weather(fog=Fog(60)), seed=0)
     assert image.isfinite().all()
