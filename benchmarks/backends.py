@@ -1,34 +1,30 @@
 """What each backend of the loop gets right, and what a step costs.
 
     python benchmarks/backends.py scenes/sedan_clear.yaml scenes/sedan_fog.yaml \
-      --efr raster=out/efr/raster.safetensors --efr mitsuba=out/efr/mitsuba.safetensors \
-      --out docs/backends.md
+      --efr raster=out/efr/raster.safetensors --efr mitsuba=out/efr/mitsuba.safetensors
 
-Held-out views of each scene show a pattern that no EFR was trained on; the reference is the path
-tracer in two independent halves.  ``error`` is the relative one of :mod:`cnca.fidelity` over the
-vehicle's pixels; ``gradient`` the cosine between the texture gradients that the detector's loss at
-the reference picture gets through the backend and through the path tracer; ``score`` the mean
-absolute change of the detector's confidence in the vehicle; ``s/view`` a render with its backward
-pass, the fastest of three; ``first`` the first one, in which a view's kept parts are made.
+writes the tables of docs/backends.md, which says what the columns mean.  Held-out views of each
+scene show a pattern that no EFR was trained on; the reference is the path tracer in two independent
+halves.  Both kinds of seconds are of a render with its backward pass, the fastest of three.
 """
 
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from tables import markdown, put
 from torch import Tensor
 
 from cnca import build
 from cnca.color import linear_to_srgb
 from cnca.fidelity import Pixels, gradient_agreement, root, squared_error, vehicle_pixels
-from cnca.files import replacing
 from cnca.gen import textures
 from cnca.loss import detection_loss
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
@@ -68,32 +64,16 @@ ROWS = (
     Row("mitsuba, 16 spp", "mitsuba", 16),
     Row("mitsuba, 64 spp", "mitsuba", 64),
 )
-INTRO = """# Backends of the loop
-
-`cnca optimize --backend NAME` draws its pictures by one of these; the verdict is always the path
-tracer's. All keep their backgrounds, drawn in the plain paint.
-
-- `mitsuba`: the vehicle path-traced in each step, the default and the truth.
-- `raster`: plain shading, as the paper's renderer does it. First hits once per view, then matt
-  paint in sun and sky, without shadows, gloss, interreflection or fog.
-- `cached`: path-traced shading of each view and weather, kept as a picture without the texture and
-  a sparse matrix from texels to pixels. What is missing is the light that a new texture throws on
-  itself; `cached:8` shades a view anew after it has served eight renders.
-- `--efr PATH` corrects the pictures of any of them by the paper's network (`cnca train-efr`), which
-  also sees X_ref, the vehicle in its plain paint, path-traced once per view.
-
-Held-out views show a pattern that no EFR was trained on; the reference is the path tracer in two
-independent halves. **error**: √mean((L − L_ref)² / (L_ref² + 0.01)) over the vehicle's pixels.
-**gradient**: cosine between the texture gradients that the detector's loss at the reference picture
-gets through the backend and through the path tracer. **score**: mean absolute change of the
-detector's confidence in the vehicle. **s/view**: a render with its backward pass, the fastest of
-three; **first**: the first one, in which a view's kept parts are made and kernels compiled.
-
-```sh
-{command}
-```
-"""
-HEADINGS = ("backend", "error", "gradient", "score", "s/view", "first, s/view", "MB/view")
+HEADINGS = (
+    "backend",
+    "error",
+    "gradient",
+    "score",
+    "CPU s/view",
+    "wall s/view",
+    "first, CPU s/view",
+    "MB/view",
+)
 
 
 class Bench:
@@ -173,8 +153,20 @@ class Bench:
         return images.grad
 
 
-def measure(bench: Bench, row: Row, residual: Residual | None) -> list[str]:
-    """The cells of one row."""
+@dataclass(frozen=True)
+class Measured:
+    """One row's pictures, gradient and costs."""
+
+    images: Tensor
+    gradient: Tensor
+    seconds: list[tuple[float, float]]
+    """Processor and wall seconds a view, of the first render and those after it."""
+    megabytes: float | None
+    """Kept for each view, by backends that keep their shading."""
+
+
+def measure(bench: Bench, row: Row, residual: Residual | None) -> Measured:
+    """Render all views a few times, with backward passes."""
     loop, seconds = bench.loop(row.backend, row.samples), []
     if row.present:  # shaded once in the plain paint, then in what comes next
         with torch.no_grad():
@@ -182,66 +174,89 @@ def measure(bench: Bench, row: Row, residual: Residual | None) -> list[str]:
     for repeat in range(1 + REPEATS):
         if repeat == 2 and isinstance(loop, LookupRenderer):
             loop.refresh = None
-        albedo, started = bench.albedo.clone().requires_grad_(), time.perf_counter()
+        albedo = bench.albedo.clone().requires_grad_()
+        cpu, wall = time.process_time(), time.perf_counter()
         images = loop.render(albedo, bench.views, bench.weather, seed=repeat)
         if residual is not None:
             images = residual(images, loop.reference(bench.views, bench.weather))
         (images * bench.adjoint).sum().backward()
-        seconds.append((time.perf_counter() - started) / len(bench.views))
+        spent = time.process_time() - cpu, time.perf_counter() - wall
+        seconds.append((spent[0] / VIEWS, spent[1] / VIEWS))
     assert albedo.grad is not None
-    error = root(squared_error(bench.pixels(images), bench.halves)[0])
-    cosine, _ = gradient_agreement(albedo.grad, bench.gradients)
-    change = float((bench.scores(images) - bench.score).abs().mean())
-    size = loop.megabytes / len(bench.views) if isinstance(loop, LookupRenderer) else None
+    size = loop.megabytes / VIEWS if isinstance(loop, LookupRenderer) else None
+    return Measured(images.detach(), albedo.grad, seconds, size)
+
+
+def cells(bench: Bench, row: Row, found: Measured) -> list[str]:
+    """One line of the table."""
+    error = root(squared_error(bench.pixels(found.images), bench.halves)[0])
+    cosine, _ = gradient_agreement(found.gradient, bench.gradients)
+    change = float((bench.scores(found.images) - bench.score).abs().mean())
+    cpu, wall = (min(each) for each in zip(*found.seconds[1:], strict=True))
     return [
         row.name,
         f"{error:.1%}",
         f"{cosine:.3f}",
         f"{change:.3f}",
-        f"{min(seconds[1:]):.4f}",
-        f"{seconds[0]:.1f}",
-        f"{size:.1f}" if size is not None else "–",
+        f"{cpu:.3f}",
+        f"{wall:.3f}",
+        f"{found.seconds[0][0]:.1f}",
+        f"{found.megabytes:.1f}" if found.megabytes is not None else "–",
+    ]
+
+
+def stale(bench: Bench, old: Measured, new: Measured) -> str:
+    """What a cache lacks that was shaded in the plain paint; both have the same random numbers."""
+    a, b = bench.pixels(old.images), bench.pixels(new.images)
+    error = root(squared_error(a, (b, b))[0])
+    cosine = torch.cosine_similarity(old.gradient.flatten(), new.gradient.flatten(), dim=0)
+    mask = bench.paint.mask.expand_as(bench.albedo) > 0
+    change = (bench.albedo - bench.paint.apply())[mask].square().mean().sqrt()
+    return (
+        f"Shaded in the plain paint, from which the pattern's albedo differs by {change:.2f} "
+        f"(root mean square), the cached picture is {error:.2%} off the one shaded anew with the "
+        f"same random numbers, its gradient has a cosine of {float(cosine):.4f} to that one's."
+    )
+
+
+def section(path: Path, detector: Detector, residuals: dict[str, Residual | None]) -> list[str]:
+    """The table of one scene."""
+    bench = Bench(path, detector)
+    width, height = bench.scene.image.width, bench.scene.image.height
+    halves = gradient_agreement(bench.gradients[0], (bench.gradients[1], bench.gradients[1]))[0]
+    lines, found = [], {}
+    for row in ROWS:
+        if row.efr is None or row.efr in residuals:
+            found[row.name] = measure(bench, row, residuals[row.efr] if row.efr else None)
+            lines.append(cells(bench, row, found[row.name]))
+            print(*lines[-1], sep=" | ", flush=True)
+    return [
+        f"`{path}`, {VIEWS} views of {width}×{height} pixels; the reference's halves of "
+        f"{REFERENCE_SAMPLES} rays per pixel have gradients of cosine {halves:.3f}.",
+        "",
+        *markdown(HEADINGS, lines),
+        "",
+        stale(bench, found["cached"], found["cached, refreshed"]),
     ]
 
 
 def main() -> None:
-    """Measure all rows of all scenes and write them as Markdown."""
+    """Measure all rows of all scenes and put them into the document."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", type=Path, nargs="+")
     parser.add_argument("--efr", action="append", default=[], help="BACKEND=PATH; repeatable")
     parser.add_argument("--detector", default="builtin")
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--document", type=Path, default=Path("docs/backends.md"))
     options = parser.parse_args()
     residuals = {
         name: build.build_residual(Path(path))
         for name, _, path in (item.partition("=") for item in options.efr)
     }
     detector = build.build_detector(options.detector)
-    lines = [line for path in options.scenes for line in _section(path, detector, residuals)]
-    intro = INTRO.format(command="python " + " ".join(sys.argv))
-    with replacing(options.out) as temporary:
-        temporary.write_text("\n".join([intro, *lines]), encoding="utf-8")
-
-
-def _section(
-    path: Path, detector: Detector, residuals: dict[str, Residual | None]
-) -> Sequence[str]:
-    bench = Bench(path, detector)
-    width, height = bench.scene.image.width, bench.scene.image.height
-    halves = gradient_agreement(bench.gradients[0], (bench.gradients[1], bench.gradients[1]))[0]
-    lines = [
-        f"`{path}`, {VIEWS} views of {width}×{height} pixels; the reference's halves of "
-        f"{REFERENCE_SAMPLES} rays per pixel have gradients of cosine {halves:.3f}.",
-        "",
-        "| " + " | ".join(HEADINGS) + " |",
-        "|" + "---|" * len(HEADINGS),
-    ]
-    for row in ROWS:
-        if row.efr is None or row.efr in residuals:
-            cells = measure(bench, row, residuals[row.efr] if row.efr else None)
-            print(*cells, sep=" | ", flush=True)
-            lines.append("| " + " | ".join(cells) + " |")
-    return [*lines, ""]
+    lines = ["```sh", f"python {shlex.join(sys.argv)}", "```"]
+    for path in options.scenes:
+        lines += ["", *section(path, detector, residuals)]
+    put(options.document, "backends", lines)
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ CACHE_FACTOR = 4
 SEAM_PADDING = 2
 """Texels of paint around every chart, for the filters."""
 SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
+SHIPPED_EFR = Path(__file__).parent / "assets" / "efr" / "raster.safetensors"
 
 
 def build_vehicle(scene: Scene) -> Vehicle:
@@ -221,12 +222,20 @@ def build_generator(
 
 
 def build_residual(path: Path | None) -> Residual | None:
-    """The trained EFR in a safetensors file; without a path nothing of it is even imported."""
+    """The trained EFR in a safetensors file, or the shipped one, which is called ``builtin``.
+
+    Without a path nothing of it is even imported.
+    """
     if path is None:
         return None
     from cnca.efr.unet import EnvironmentFeatureRenderer
 
-    return EnvironmentFeatureRenderer.load(path)
+    return EnvironmentFeatureRenderer.load(efr_file(path))
+
+
+def efr_file(path: Path) -> Path:
+    """Where the EFR called ``path`` lies."""
+    return SHIPPED_EFR if path == Path("builtin") else path
 
 
 def build_detector(spec: str) -> Detector:
@@ -254,11 +263,16 @@ def vehicle_label(class_names: Sequence[str]) -> int:
 
 
 def input_files(
-    scene: Scene, scene_file: Path, detectors: Iterable[str], generator: Path | None
+    scene: Scene,
+    scene_file: Path,
+    detectors: Iterable[str],
+    generator: Path | None,
+    efr: Path | None = None,
 ) -> list[Path]:
     """Every file that a run reads, for its manifest."""
     shared = Path(generator or SHIPPED_GENERATOR)
     files = [file for name in detectors for file in detector_files(name)]
+    files += [efr_file(efr)] if efr else []
     return [*scene_files(scene, scene_file), shared, *files]
 
 

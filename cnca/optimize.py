@@ -35,7 +35,7 @@ from cnca.scene.cameras import View
 from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views, draw_weathers, in_blocks
 from cnca.scene.weather import Weather
-from cnca.targets import Target, look, numbers, objective, refuse_black_boxes
+from cnca.targets import Target, look, numbers, objective, refuse_black_boxes, refuse_non_finite
 from cnca.types import LinearImages, LinearTexture, SrgbTexture
 
 WEATHERS = 16
@@ -171,7 +171,7 @@ def optimize(
 
     Raises:
         DetectorError: a detector gives no gradient.
-        NonFiniteError: the gradient of F_adv is not finite.
+        NonFiniteError: a detector's loss, or the gradient of F_adv, is not finite.
         RunError: there are more processes than views in a step.
     """
     refuse_black_boxes(attack.targets)
@@ -193,6 +193,7 @@ def optimize(
             seen = look(
                 attack.targets, linear_to_srgb(images), boxes, full_overlap=settings.full_overlap
             )
+        refuse_non_finite(attack.targets, seen, where=f"step {step} (seed {seed})")
 
         optimizer.zero_grad()
         with clock("backward"):

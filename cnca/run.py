@@ -123,7 +123,7 @@ def _claim(request: Request, scene: Scene) -> None:
             raise RunError(f"{request.out}: was started with another {', '.join(differing)}")
     else:
         names = parse_targets(request.detectors)
-        inputs = build.input_files(scene, request.scene, names, request.generator)
+        inputs = build.input_files(scene, request.scene, names, request.generator, request.efr)
         content = {"request": request.as_dict(), "versions": versions(), "inputs": hashes(inputs)}
         write_json(manifest, content)
     remove_unfinished(request.out)

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.errors import DetectorError, RunError
+from cnca.errors import DetectorError, NonFiniteError, RunError
 from cnca.loss import detection_loss
 from cnca.protocols import Detector
 from cnca.types import Boxes, SrgbImages
@@ -50,6 +50,16 @@ def look(
         loss, scores = detection_loss(candidates, boxes, target.label, full_overlap=full_overlap)
         columns.append(torch.stack([loss, scores.mean()]))
     return torch.stack(columns, dim=1)
+
+
+def refuse_non_finite(targets: Sequence[Target], seen: Seen, where: str) -> None:
+    """Raise NonFiniteError, which names the detectors, where a loss is NaN or infinite."""
+    wrong = [t.name for t, own in zip(targets, seen.T, strict=True) if not own.isfinite().all()]
+    if wrong:
+        raise NonFiniteError(
+            f"{where}: the loss of detector {', '.join(wrong)} is not finite; "
+            "--resume tries this step again"
+        )
 
 
 def objective(targets: Sequence[Target], seen: Seen) -> Float[Tensor, ""]:

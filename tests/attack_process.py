@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from safetensors import safe_open
+
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 
 SCENE = """
@@ -66,9 +68,13 @@ class AttackProcess:
         assert process.returncode == 0, complaint
 
 
-def result(out: Path) -> tuple[bytes, list[dict], dict]:
-    """F_adv's file, the log without seconds, and the summary of a finished run."""
+def result(out: Path) -> tuple[bytes, dict, list[dict], dict]:
+    """F_adv's values and notes, the log without seconds, and the summary of a finished run.
+
+    The file itself holds its notes in any order.
+    """
     log = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
     records = [{k: v for k, v in one.items() if not k.startswith("seconds_")} for one in log]
-    feature = (out / "F_adv.safetensors").read_bytes()
-    return feature, records, json.loads((out / "summary.json").read_text())
+    with safe_open(out / "F_adv.safetensors", "np") as file:
+        feature, notes = file.get_tensor("F_adv").tobytes(), file.metadata()
+    return feature, notes, records, json.loads((out / "summary.json").read_text())

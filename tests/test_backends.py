@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 
-from cnca import build
+from cnca import build, controls
 from cnca.errors import CncaError
 from cnca.mi_bridge.renderer import MitsubaRenderer
-from cnca.scene.schema import Scene
+from cnca.scene.schema import ImageSection, Scene, load_scene
 
 
 @pytest.mark.parametrize(
@@ -43,3 +45,24 @@ def test_every_backend_draws_the_scene_and_the_path_tracer_judges_it():
     # Without shadows and gloss, but in the same light.
     assert brightness["raster"] == pytest.approx(brightness["mitsuba"], rel=0.2)
     assert not torch.tensor(list(brightness.values())).isnan().any()
+
+
+def test_the_shipped_efr_brings_raster_nearer_to_the_path_tracer_in_fog():
+    scene = load_scene(Path("builtin:sedan_fog"))
+    scene = scene.model_copy(update={"image": ImageSection(width=128, height=128)})
+    vehicle = build.build_vehicle(scene)
+    paint, view = build.build_paint(scene, vehicle), build.build_views(scene)[0]
+    raster = build.build_loop_renderer(scene, vehicle, paint, backend="raster", samples=4)
+    residual = build.build_residual(Path("builtin"))
+    assert residual is not None
+    size, weather = scene.vehicle.texture_size, scene.weather()
+    albedo = paint.apply(controls.random_blocks(size, torch.Generator().manual_seed(3)))
+    with torch.no_grad():
+        drawn = raster.render(albedo, [view], weather, seed=0)
+        corrected = residual(drawn, raster.reference([view], weather))
+        tracer = build.build_renderer(scene, vehicle, samples=64)
+        assert isinstance(tracer, MitsubaRenderer)
+        truth = tracer.render(albedo, [view], weather, seed=1)
+    car = torch.from_numpy(tracer.vehicle_mask([view])[0] == 1)
+    before, after = (float((image - truth)[0, :, car].abs().mean()) for image in (drawn, corrected))
+    assert after < before / 2

@@ -81,10 +81,10 @@ def test_the_command_in_two_processes(tmp_path):
         printed = launch(processes, *attacks.command(tmp_path / name, *more)[2:])
         assert printed.count("camouflage over shuffled control") == 1
     one, two = (result(tmp_path / name) for name in ("one", "two"))
-    assert [r["step"] for r in two[1]] == [1, 2, 3]
-    for own, other in zip(two[1], one[1], strict=True):
+    assert [r["step"] for r in two[2]] == [1, 2, 3]
+    for own, other in zip(two[2], one[2], strict=True):
         assert own["loss_adv"] == pytest.approx(other["loss_adv"], rel=1e-3)
-    assert two[2]["score_after"] == pytest.approx(one[2]["score_after"], abs=0.01)
+    assert two[3]["score_after"] == pytest.approx(one[3]["score_after"], abs=0.01)
 
 
 def test_alone_nothing_happens():

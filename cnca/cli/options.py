@@ -84,7 +84,10 @@ class AttackOptions:
         float, typer.Option(help="IoU from which a box counts in full; 1 is the paper's loss.")
     ] = 1.0
     generator: Generator = None
-    efr: Annotated[Path | None, typer.Option(help="Trained EFR that corrects renders.")] = None
+    efr: Annotated[
+        Path | None,
+        typer.Option(help="EFR that corrects renders: builtin (for raster), or a file."),
+    ] = None
     feature: Annotated[
         str, typer.Option(help="concat (the paper) or replace (its released code).")
     ] = "concat"
