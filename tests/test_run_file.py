@@ -54,6 +54,13 @@ def test_the_file_stands_in_for_flags_and_flags_go_before_it(asked, write):
     assert tau == "inf"
 
 
+def test_a_repeatable_flag_may_stand_alone(asked, write):
+    common = "scene: a.yaml, out: b, prompt: c"
+    _cnca("--config", write(f"{{{common}, detector: builtin}}"))
+    _cnca("--config", write(f"{{{common}, detector: [builtin, a.cfg=0.5]}}"))
+    assert [request.detectors for request, _ in asked] == [("builtin",), ("builtin", "a.cfg=0.5")]
+
+
 def test_it_says_the_same_as_flags(asked, write):
     _cnca("--config", write("{scene: a.yaml, out: b, prompt: c, learning_rate: 0.05}"))
     _cnca("--scene", "a.yaml", "--out", "b", "--prompt", "c", "--learning-rate", "0.05")

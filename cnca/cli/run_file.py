@@ -16,12 +16,14 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
     Raises RunError where the file cannot be read or a key in it is no flag of the command.
     """
     if file is not None:
-        flags = [flag.name or "" for flag in context.command.params if flag.name != "config"]
+        flags = {flag.name or "": flag for flag in context.command.params if flag.name != "config"}
         given = {str(key).replace("-", "_"): value for key, value in _content(file).items()}
-        for key in given:
+        for key, value in given.items():
             if key not in flags:
                 hint = did_you_mean(key, flags)
                 raise RunError(f"{file}: {key}: not a flag of cnca {context.info_name}{hint}")
+            if getattr(flags[key], "multiple", False) and not isinstance(value, list):
+                given[key] = [value]  # a repeatable flag, given once
         context.default_map = given
     return file
 
