@@ -9,6 +9,14 @@ from rich.console import Console
 from cnca.interrupts import resumable
 
 
+@pytest.fixture(autouse=True)
+def ctrl_c_is_heard():
+    """Shells start what runs in the background with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_signals_end_with_their_code_and_the_advice(capsys, number, code):
     before = signal.getsignal(signal.SIGTERM)

@@ -124,6 +124,7 @@ def test_a_full_disk_is_told_and_survived(attacks, whole, tmp_path):
     assert result(out) == whole
 
 
+@pytest.mark.slow
 def test_kernel_caches_that_cannot_be_used_change_nothing(attacks, whole, tmp_path):
     """Dr.Jit keeps compiled kernels below HOME; without a place, or damaged, it compiles anew."""
     attacks.finish(tmp_path / "nowhere", HOME="/dev/null")
