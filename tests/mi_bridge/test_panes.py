@@ -10,8 +10,9 @@ import torch
 
 from cnca import build
 from cnca.errors import CncaError
-from cnca.mi_bridge.integrator import MOST_PANES, Sky, Surroundings
+from cnca.mi_bridge.integrator import Sky, Surroundings
 from cnca.mi_bridge.light import make_light
+from cnca.mi_bridge.panes import MOST_PANES
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
