@@ -23,14 +23,14 @@ from tables import markdown, put
 from torch import Tensor
 
 from cnca import build
+from cnca.accuracy.fidelity import Pixels, gradient_agreement, root, squared_error, vehicle_pixels
+from cnca.attack.run import HELD_OUT_SEED
 from cnca.color import linear_to_srgb
-from cnca.fidelity import Pixels, gradient_agreement, root, squared_error, vehicle_pixels
 from cnca.gen import textures
 from cnca.loss import detection_loss
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.protocols import Detector, LoopRenderer, Residual
-from cnca.run import HELD_OUT_SEED
 from cnca.scene.cameras import View
 from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views, draw_weathers

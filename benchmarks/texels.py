@@ -18,9 +18,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from cnca import build, controls
+from cnca.attack.run import held_out_shots
 from cnca.evaluate import evaluate
 from cnca.optimize import Attack, Progress, Settings, optimize, start
-from cnca.run import held_out_shots
 from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import load_scene
 from cnca.types import SrgbTexture

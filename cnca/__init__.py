@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cnca import evaluate as evaluate
     from cnca import optimize as optimize
+    from cnca.attack.run import held_out_shots as held_out_shots
     from cnca.build import build_generator as build_generator
     from cnca.build import build_loop_renderer as build_loop_renderer
     from cnca.build import build_paint as build_paint
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from cnca.optimize import Attack as Attack
     from cnca.optimize import Settings as Settings
     from cnca.optimize import start as start
-    from cnca.run import held_out_shots as held_out_shots
     from cnca.scene.schema import load_scene as load_scene
     from cnca.targets import Target as Target
     from cnca.types import Candidates as Candidates
@@ -36,7 +36,7 @@ PLACES = {
     "build": "build_generator build_loop_renderer build_paint build_renderer build_targets "
     "build_vehicle",
     "optimize": "Attack Settings start",
-    "run": "held_out_shots",
+    "attack.run": "held_out_shots",
     "scene.schema": "load_scene",
     "targets": "Target",
     "types": "Candidates",

@@ -21,21 +21,21 @@ from typing import Any
 from rich.console import Console
 
 from cnca import build
-from cnca.bootstrap import resample
-from cnca.candidates import NORMAL, Candidate, parse_candidates, read_candidate
+from cnca.datasets.detector import GROUPS, Cast, render_detector_data
 from cnca.detect import BUILTINS, detector_files
 from cnca.detect.train import Settings, train_detector
-from cnca.detector_data import GROUPS, Cast, render_detector_data
 from cnca.errors import DetectorError, RunError, did_you_mean
-from cnca.evidence_parts import Request as EvidenceRequest
-from cnca.evidence_parts import build_eyes, build_stages
-from cnca.evidence_report import cell, table
+from cnca.evidence.bootstrap import resample
+from cnca.evidence.candidates import NORMAL, Candidate, parse_candidates, read_candidate
+from cnca.evidence.parts import Request as EvidenceRequest
+from cnca.evidence.parts import build_eyes, build_stages
+from cnca.evidence.report import cell, table
+from cnca.evidence.stage import see
+from cnca.evidence.verdict import measure_all, word_for
 from cnca.files import write_text
 from cnca.manifest import hashes, read_json, versions, write_json
 from cnca.progress import bar
 from cnca.scene.schema import Scene, load_scene
-from cnca.stage import see
-from cnca.verdict import measure_all, word_for
 
 BEFORE, AFTER = "before", "after"
 MEASURES = {"AP_voc": "AP@0.5", "score": "score"}

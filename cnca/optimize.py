@@ -24,8 +24,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cnca import parallel
-from cnca.best import Best, Validation
+from cnca.attack import parallel
+from cnca.attack.best import Best, Validation
 from cnca.color import linear_to_srgb
 from cnca.errors import NonFiniteError, RunError, did_you_mean
 from cnca.gen.feature import CONCAT, START_SPREAD, UPDATES, check_kind, initial, project

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from cnca import parallel
+from cnca.attack import parallel
+from cnca.attack.run import Request, run
 from cnca.errors import RunError
 from cnca.interrupts import resumable
 from cnca.optimize import Settings
 from cnca.report import MEANING
-from cnca.run import Request, run
 
 if TYPE_CHECKING:
-    from cnca.evidence_parts import Request as EvidenceRequest
+    from cnca.evidence.parts import Request as EvidenceRequest
     from cnca.reorder_uv import Source
 
 DEMO_SCENE = Path("builtin:sedan_clear")
@@ -68,7 +68,7 @@ def optimize(request: Request, tau: str, least: float | None, scorer: Path | Non
 
     Raises RunError for a bound that is none, or where "auto" and ``least`` do not come together.
     """
-    from cnca.runs import read_tau, under_tau
+    from cnca.attack.runs import read_tau, under_tau
 
     if tau != "auto":
         if least is not None or scorer is not None:
@@ -77,7 +77,7 @@ def optimize(request: Request, tau: str, least: float | None, scorer: Path | Non
         return
     if least is None:
         raise RunError("--tau auto: say --min-prompt-score, the cosine that must be kept")
-    from cnca.auto_tau import auto_tau
+    from cnca.attack.auto_tau import auto_tau
     from cnca.gen.scorer import load_scorer
 
     choice = auto_tau(request, least, load_scorer(scorer), Console(stderr=True))
@@ -87,8 +87,8 @@ def optimize(request: Request, tau: str, least: float | None, scorer: Path | Non
 
 def tradeoff(request: Request, taus: str, scorer: Path | None) -> None:
     """One attack per bound, then the table."""
+    from cnca.attack.runs import read_taus, tradeoff
     from cnca.gen.scorer import load_scorer
-    from cnca.runs import read_taus, tradeoff
 
     tradeoff(request, read_taus(taus), load_scorer(scorer), Console(stderr=True))
     _print_table(request.out, "tradeoff")
@@ -96,8 +96,8 @@ def tradeoff(request: Request, taus: str, scorer: Path | None) -> None:
 
 def prompts(request: Request, wanted: list[str], tau: str, scorer: Path | None) -> None:
     """One attack per prompt, then the table."""
+    from cnca.attack.runs import prompts, read_tau, under_tau
     from cnca.gen.scorer import load_scorer
-    from cnca.runs import prompts, read_tau, under_tau
 
     request = under_tau(request, read_tau(tau))
     prompts(request, wanted, load_scorer(scorer), Console(stderr=True))
@@ -113,8 +113,10 @@ def _print_table(out: Path, name: str) -> None:
 
 def accuracy(scene: Path, out: Path, **options: Any) -> None:
     """Measure the price list with progress, then say how good its reference is."""
-    from cnca.accuracy import accuracy as measure_accuracy  # loads colour-science, which is slow
-    from cnca.price_list import describe_reference
+    from cnca.accuracy.ladder import (
+        accuracy as measure_accuracy,  # loads colour-science, which is slow
+    )
+    from cnca.accuracy.price_list import describe_reference
 
     report, shown = measure_accuracy(scene, out, console=Console(stderr=True), **options), Console()
     shown.print(describe_reference(report["reference"]), soft_wrap=True)
@@ -128,7 +130,7 @@ def accuracy(scene: Path, out: Path, **options: Any) -> None:
 
 def generator_accuracy(out: Path, **options: Any) -> None:
     """Measure the generator's price list with progress, then print it."""
-    from cnca.generator_accuracy import generator_accuracy as measure
+    from cnca.accuracy.generator import generator_accuracy as measure
 
     report, shown = measure(out, console=Console(stderr=True), **options), Console()
     listed = Table("last steps", "seconds", "cosine", "length")
@@ -142,8 +144,8 @@ def generator_accuracy(out: Path, **options: Any) -> None:
 
 def evidence(request: EvidenceRequest) -> None:
     """Evaluate textures with progress, then say what each candidate reaches."""
-    from cnca.evidence import evaluate_scenes
-    from cnca.evidence_report import headlines
+    from cnca.evidence.evaluation import evaluate_scenes
+    from cnca.evidence.report import headlines
 
     results = _gather(evaluate_scenes, request)
     shown = Console()
@@ -155,8 +157,8 @@ def evidence(request: EvidenceRequest) -> None:
 
 def table1(request: EvidenceRequest, *, paper_figures: bool) -> None:
     """Make the paper's Table 1 with progress, then say where it is."""
-    from cnca.evidence import evaluate_scenes
-    from cnca.paper_tables import write_table1
+    from cnca.evidence.evaluation import evaluate_scenes
+    from cnca.evidence.paper_tables import write_table1
 
     results = _gather(evaluate_scenes, request)
     path = write_table1(request.out, results, paper_figures=paper_figures)
@@ -169,8 +171,8 @@ def photos(
     folder: Path | None, labels: Path | None, out: Path, detectors: tuple[str, ...], **options: Any
 ) -> None:
     """Judge detectors on photographs with progress, then print the paper's Table 2."""
-    from cnca.evidence_report import cell
-    from cnca.photos import PhotoRequest, evaluate_photos
+    from cnca.evidence.photos import PhotoRequest, evaluate_photos
+    from cnca.evidence.report import cell
 
     if folder is None or labels is None:
         raise RunError("--photos and --labels belong together: give both")
@@ -195,8 +197,8 @@ def _gather(work: Callable[[Any, Console], dict[str, Any]], request: Any) -> dic
 
 def _evidence_table(results: dict[str, Any]) -> Table:
     """Mean over the detectors, class car, with 95 % intervals."""
-    from cnca.evidence_report import cell
-    from cnca.verdict import TOTAL
+    from cnca.evidence.report import cell
+    from cnca.evidence.verdict import TOTAL
 
     table = Table()
     for name in ("texture", "AP@0.5 (VOC)", "AP@0.5 (COCO)", "score"):
@@ -210,7 +212,7 @@ def _evidence_table(results: dict[str, Any]) -> Table:
 
 def dataset(scene: Path, out: Path, **options: Any) -> None:
     """Render a data set with progress, then say how far it has come."""
-    from cnca.render_dataset import render_dataset
+    from cnca.datasets.rendered import render_dataset
 
     report = render_dataset(scene, out, console=Console(stderr=True), **options)
     speed = report["per_second"]
@@ -237,7 +239,7 @@ def reorder_uv(source: Source, out: Path, size: int) -> None:
 
 def import_carla(folder: Path, out: Path, scene: Path, *, fov: float) -> None:
     """Turn frames into a data set with progress, then say how well the mesh meets them."""
-    from cnca.import_carla import import_carla as import_frames
+    from cnca.datasets.carla import import_carla as import_frames
 
     listed = Table("frame", "lift, m", "outline, px: median", "90th percentile")
     for record in import_frames(folder, out, scene, fov=fov, console=Console(stderr=True)):

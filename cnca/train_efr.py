@@ -18,17 +18,17 @@ from rich.console import Console
 from torch import Tensor
 
 from cnca import build, controls
+from cnca.attack.run import HELD_OUT_SEED
 from cnca.color import srgb_to_linear
+from cnca.datasets.carla import fit_frame
 from cnca.efr.train import EPOCHS, Outcome, Shot, train
 from cnca.errors import RunError
 from cnca.gen import textures
-from cnca.import_carla import fit_frame
 from cnca.manifest import versions, write_json
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.mi_bridge.shading_cache import TracedShading
 from cnca.progress import bar
-from cnca.run import HELD_OUT_SEED
 from cnca.scene.cameras import View
 from cnca.scene.carla import read_carla_frame
 from cnca.scene.schema import Scene, load_scene

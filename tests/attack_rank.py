@@ -12,7 +12,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from cnca import checkpoint, parallel
+from cnca.attack import checkpoint, parallel
 from cnca.optimize import Settings, optimize, start
 from tests.fake_attack import SlantedRenderer, attack
 

@@ -10,7 +10,7 @@ import torch
 from rich.console import Console
 
 import cnca
-from cnca import run
+from cnca.attack import run
 from cnca.gen.feature import StoredFeature
 from tests.test_attack_run import SCENE, one_thread  # noqa: F401  (a fixture)
 

@@ -9,11 +9,11 @@ import torch
 from rich.console import Console
 
 import cnca.harden
-from cnca import detector_data
-from cnca.candidates import parse_candidates
+from cnca.datasets import detector as detector_data
 from cnca.detect import BUILTIN_CONFIG, load_detector
 from cnca.detect.weights import stored_tensors
 from cnca.errors import DetectorError, RunError
+from cnca.evidence.candidates import parse_candidates
 from cnca.harden import Request, harden, make_cast, markdown, scene_of
 from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import load_scene

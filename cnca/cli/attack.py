@@ -34,12 +34,13 @@ def optimize(
 
     Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the views of each step.
     """
-    from cnca import parallel, terminal
+    from cnca import terminal
+    from cnca.attack import parallel
 
     with parallel.joined():
         request = options.request(prompt, resume=resume)
         if dry_run:
-            from cnca.forecast import dry_run as forecast
+            from cnca.attack.forecast import dry_run as forecast
 
             forecast(request, tau)
         else:

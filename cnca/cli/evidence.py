@@ -55,8 +55,8 @@ def evaluate(
 ) -> None:
     """Measure AP@0.5 of textures against controls, with confidence intervals."""
     from cnca import terminal
-    from cnca.candidates import CONTROLS
-    from cnca.evidence_parts import Request
+    from cnca.evidence.candidates import CONTROLS
+    from cnca.evidence.parts import Request
 
     detectors = tuple(detector or ["builtin"])
     if photos is not None or labels is not None:
@@ -100,7 +100,7 @@ def table1(
 ) -> None:
     """Make the paper's Table 1: AP@0.5 of its methods' textures over its grid of views."""
     from cnca import terminal
-    from cnca.evidence_parts import Request
+    from cnca.evidence.parts import Request
 
     request = Request(
         tuple(scene),

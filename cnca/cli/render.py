@@ -113,7 +113,7 @@ def calibrate(
     """Measure errors and times of all models, from which render-scene's plan predicts."""
     from rich.console import Console
 
-    from cnca.calibrate import calibrate
+    from cnca.accuracy.calibrate import calibrate
 
     console = Console(stderr=True)
     typer.echo(calibrate(out, scenes=scenes, seed=seed, console=console))

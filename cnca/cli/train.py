@@ -49,7 +49,7 @@ def train_detector(
     resume: Resume = False,
 ) -> None:
     """Render pictures of the built-in vehicles and train a built-in detector on them."""
-    from cnca.detector_data import train_builtin
+    from cnca.datasets.detector import train_builtin
 
     report = train_builtin(
         out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume

@@ -57,7 +57,7 @@ def print_sheets(
     """Print a camouflage for a model car: panels of true size, and what printing costs."""
     from rich.console import Console
 
-    from cnca.print_sheets import markdown, print_sheets, read_scale
+    from cnca.printing.print_sheets import markdown, print_sheets, read_scale
 
     report = print_sheets(
         run,

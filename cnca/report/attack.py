@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from markupsafe import Markup
 
-from cnca.bootstrap import Sampled, resample
-from cnca.evidence_report import cell, table
+from cnca.evidence.bootstrap import Sampled, resample
+from cnca.evidence.report import cell, table
 from cnca.pictures import CAPTION_HEIGHT, SrgbPicture
 from cnca.report import MEANING, shown_views
 from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip

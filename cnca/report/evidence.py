@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cnca.candidates import NORMAL
+from cnca.evidence.candidates import NORMAL
 from cnca.pictures import SrgbPicture
 from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip
 from cnca.report.markdown import as_html

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cnca.errors import RunError
-from cnca.evidence_report import table
+from cnca.evidence.report import table
 from cnca.report.attack import attack_parts
 from cnca.report.blocks import Details, Gallery, Part, Picture, Prose
 from cnca.report.comparison import TITLES, comparison_parts

@@ -14,10 +14,11 @@ import torch
 from rich.console import Console
 
 from cnca import build
-from cnca.candidates import Candidate, parse_candidates, read_candidate
 from cnca.errors import RunError, SceneError
 from cnca.evaluate import Shots, photograph
-from cnca.gallery import digest, kept_pictures
+from cnca.evidence.candidates import Candidate, parse_candidates, read_candidate
+from cnca.evidence.gallery import digest, kept_pictures
+from cnca.evidence.stage import scene_key
 from cnca.pictures import as_pictures
 from cnca.progress import bar
 from cnca.report.blocks import Turntable
@@ -25,7 +26,6 @@ from cnca.report.comparison import TITLES
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.mesh import Vehicle
 from cnca.scene.schema import Scene, load_scene
-from cnca.stage import scene_key
 from cnca.types import SrgbImages
 from cnca.webpage import jpeg_uri
 

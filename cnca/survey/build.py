@@ -9,10 +9,10 @@ from pathlib import Path
 
 import cv2
 
-from cnca.candidates import named
 from cnca.errors import RunError
+from cnca.evidence.candidates import named
+from cnca.evidence.gallery import digest
 from cnca.files import replacing, write_text
-from cnca.gallery import digest
 from cnca.manifest import write_json
 from cnca.pictures import SrgbPicture
 from cnca.survey.answers import KEY, STORE, Survey, read_survey

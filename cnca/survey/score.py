@@ -17,8 +17,8 @@ import torch
 from jaxtyping import Float
 from scipy import stats
 
-from cnca.bootstrap import Sampled, resample
 from cnca.errors import RunError
+from cnca.evidence.bootstrap import Sampled, resample
 from cnca.manifest import versions, write_json
 from cnca.survey.answers import Sheet, Survey, read_sheets, read_survey
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cnca.evidence_report import cell, table
+from cnca.evidence.report import cell, table
 from cnca.files import write_text
 from cnca.survey.answers import Survey
 

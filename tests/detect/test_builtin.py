@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from cnca.datasets.detector import train_builtin
 from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
 from cnca.detect.dataset import LabelledPictures
 from cnca.detect.train import Settings, Training, start
 from cnca.detect.yolo_loss import Targets
-from cnca.detector_data import train_builtin
 from cnca.errors import CncaError, DetectorError
 from tests.detect.test_detectors import DetectorContract
 

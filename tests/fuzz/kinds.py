@@ -13,7 +13,8 @@ from typing import Any
 import torch
 from hypothesis import strategies as st
 
-from cnca import build, checkpoint
+from cnca import build
+from cnca.attack import checkpoint
 from cnca.detect import load_detector
 from cnca.efr.unet import EnvironmentFeatureRenderer
 from cnca.gen.feature import StoredFeature

@@ -14,7 +14,7 @@ import trimesh
 from hypothesis import strategies as st
 from onnx import load_from_string
 
-from cnca import checkpoint
+from cnca.attack import checkpoint
 from cnca.detect.cfg import parse_config
 from cnca.detect.darknet import Darknet
 from cnca.detect.weights import _in_file_order, save_weights

@@ -1,0 +1,1 @@
+"""What accuracy costs in time: references, ladders and the prices of models."""

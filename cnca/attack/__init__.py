@@ -1,0 +1,1 @@
+"""One attack as a run: its folder, checkpoints, forecast and processes."""

@@ -1,0 +1,98 @@
+"""The strongest bound τ that keeps a prompt score (the paper's future work, section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import torch
+from rich.console import Console
+
+from cnca import build
+from cnca.attack.run import Request
+from cnca.attack.runs import Row, row, with_tau, write_tables
+from cnca.errors import RunError
+from cnca.gen.scorer import PromptScorer
+from cnca.manifest import write_json
+
+GRID = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+"""Bounds among which the search decides; the paper's table lies within."""
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The bound that was chosen, and every run of the search, weakest bound first."""
+
+    tau: float
+    rows: list[Row]
+
+
+def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Console) -> Choice:
+    """Bisect :data:`GRID` for the largest τ whose camouflage keeps the prompt score ``least``.
+
+    Takes it that the score falls as τ grows, and so about log₂ of the grid's length runs.  Writes
+    ``auto_tau.json``, ``.md`` and ``.png`` into ``request.out``; each run has a folder in there.
+
+    Raises:
+        RunError: not even F_adv = 0, or the smallest τ, keeps the score.
+    """
+    prompt = request.settings.prompt
+    unattacked = _score_of_prompt(request, scorer)
+    if not unattacked >= least:
+        raise RunError(
+            f"--min-prompt-score {least:g}: with F_adv = 0 '{prompt}' scores {unattacked:.3f}; "
+            "ask for less"
+        )
+    rows: dict[float, Row] = {}
+
+    def keeps(tau: float) -> bool:
+        rows[tau] = row(with_tau(request, tau), f"τ = {tau:g}", scorer, console)
+        return rows[tau].naturalness.prompt_score >= least
+
+    tau = largest(GRID, keeps)
+    known = [rows[one] for one in sorted(rows)]
+    write_tables(request.out, "auto_tau", "τ", known)
+    if tau is None:
+        raise RunError(
+            f"--min-prompt-score {least:g}: τ = {GRID[0]:g} already scores "
+            f"{rows[GRID[0]].naturalness.prompt_score:.3f}; ask for less"
+        )
+    content = {
+        "tau": tau,
+        "min_prompt_score": least,
+        "score_unattacked": unattacked,
+        "rows": [one.as_dict() for one in known],
+    }
+    write_json(request.out / "auto_tau.json", content)
+    return Choice(tau, known)
+
+
+def largest(grid: tuple[Found, ...], keeps: Callable[[Found], bool]) -> Found | None:
+    """The last of the grid that keeps, where those before it do and those behind it do not."""
+    low, high = -1, len(grid)  # the last known to keep, the first known not to
+    while high - low > 1:
+        middle = (low + high) // 2
+        if keeps(grid[middle]):
+            low = middle
+        else:
+            high = middle
+    return grid[low] if low >= 0 else None
+
+
+def _score_of_prompt(request: Request, scorer: PromptScorer) -> float:
+    """Prompt score of the texture with F_adv = 0."""
+    generator = build.build_generator(
+        request.generator,
+        feature=request.settings.feature,
+        tokens=request.tokens,
+        guidance=request.guidance,
+        device=request.device,
+    )
+    noise = torch.Generator().manual_seed(request.settings.seed)
+    text, nothing = generator.encode(request.settings.prompt), torch.zeros(generator.feature_shape)
+    with torch.no_grad():
+        texture = generator.generate(text, nothing, noise)
+    return scorer.score(texture[None], [request.settings.prompt]).item()

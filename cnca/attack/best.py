@@ -1,0 +1,77 @@
+"""The best F_adv so far, by views that neither the attack nor its verdict sees."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from cnca.attack import parallel
+from cnca.color import linear_to_srgb
+from cnca.errors import NonFiniteError
+from cnca.scene.variation import draw_views, draw_weathers
+from cnca.targets import look, numbers
+
+if TYPE_CHECKING:
+    from cnca.optimize import Attack, Settings
+
+VALIDATION_SEED = 7_919
+"""Added to a run's seed for the views of the checks."""
+WEATHERS, VIEWS = 4, 3
+"""How many weathers a check looks at, and views in each."""
+
+
+@dataclass
+class Best:
+    """The best of the F_adv that were checked."""
+
+    feature: Tensor | None = None
+    loss: float = math.inf
+    """Its L_adv over the validation views, weighted and summed over the targets."""
+    step: int = 0
+    misses: int = 0
+    """Checks since then."""
+
+    def offer(self, feature: Tensor, loss: float, step: int) -> None:
+        """Keep this F_adv if it is better than all before; raises NonFiniteError for no number."""
+        if not math.isfinite(loss):
+            raise NonFiniteError(
+                f"check after step {step}: the loss is not finite; --resume tries it again"
+            )
+        if loss < self.loss:
+            self.feature, self.loss, self.step = feature.detach().clone(), loss, step
+            self.misses = 0
+        else:
+            self.misses += 1
+
+    def exhausted(self, patience: int) -> bool:
+        """Whether that many checks in a row brought nothing; never where ``patience`` is 0."""
+        return 0 < patience <= self.misses
+
+
+class Validation:
+    """What a check looks at: always the same views, weathers and noise."""
+
+    def __init__(self, attack: Attack, settings: Settings, text_feature: Tensor):
+        self.attack, self.settings, self.text_feature = attack, settings, text_feature
+        self.seed = settings.seed + VALIDATION_SEED
+        self.weathers = draw_weathers(attack.scene, WEATHERS, seed=self.seed)
+        self.views = draw_views(attack.scene, WEATHERS * VIEWS, seed=self.seed)
+
+    @torch.no_grad()
+    def look(self, feature: Tensor) -> dict[str, Any]:
+        """What the targets see of F_adv; the keys are those of :func:`cnca.targets.numbers`."""
+        attack, settings = self.attack, self.settings
+        albedo = attack.paint.apply(attack.texture(self.text_feature, feature, settings.seed))
+        seen = torch.zeros(2, len(attack.targets))
+        for k in parallel.share(range(WEATHERS)):
+            views = self.views[k * VIEWS : (k + 1) * VIEWS]
+            images = attack.render(albedo, views, self.weathers[k], self.seed)
+            boxes = attack.renderer.vehicle_boxes(views)
+            pictures = linear_to_srgb(images)
+            seen += look(attack.targets, pictures, boxes, full_overlap=settings.full_overlap)
+        parallel.add_up(seen)
+        return numbers(attack.targets, seen / WEATHERS)

@@ -1,0 +1,1 @@
+"""Labelled pictures: their layout, and where they come from."""

@@ -1,0 +1,1 @@
+"""What an evaluation shows, from pictures of a scene to tables with intervals."""

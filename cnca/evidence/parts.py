@@ -1,0 +1,188 @@
+"""What an evaluation is asked for, and the scenes, textures and detectors that it asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import torch
+
+from cnca import build
+from cnca.attack.run import held_out_shots
+from cnca.detect import detector_files
+from cnca.errors import DetectorError, RunError
+from cnca.evaluate import Shots
+from cnca.evidence.candidates import CONTROLS, Candidate, make_coats, named, read_candidate
+from cnca.evidence.frames import MaskedRenderer, OverFrames, read_frames
+from cnca.evidence.gallery import digest, kept_pictures
+from cnca.evidence.stage import Eye, Stage, scene_key
+from cnca.manifest import hashes
+from cnca.scene.paper_grid import find_grid, grid_shots
+from cnca.scene.schema import Scene, load_scene
+from cnca.types import SrgbTexture
+
+GUIDANCE = 4.0
+"""Of the prompt texture, as in ``cnca optimize``."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for."""
+
+    scenes: tuple[Path, ...]
+    out: Path
+    textures: tuple[str, ...] = ()
+    detectors: tuple[str, ...] = ("builtin",)
+    views: int = 96
+    """Of each scene."""
+    grid: str | None = None
+    """A preset of :mod:`cnca.scene.paper_grid`; by default the scene's ranges."""
+    carla: Path | None = None
+    """Folder of CARLA frames: the textures are drawn onto the vehicle in them, in all of them."""
+    fov: float = 90.0
+    """Horizontal field of view of these frames in degrees."""
+    prompt: str | None = None
+    generator: Path | None = None
+    controls: tuple[str, ...] = CONTROLS
+    """Which of :data:`cnca.evidence.candidates.CONTROLS` stand beside the normal paint."""
+    backend: str = "mitsuba"
+    samples: int | None = None
+    """Rays per pixel; by default the scene's own number."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise RunError("no --scene: give a scene file, or --photos with --labels")
+        if self.views < 2:
+            raise RunError(f"--views {self.views}: an interval needs at least two views")
+        if self.grid is not None:
+            find_grid(self.grid)
+        if self.carla is not None and (self.grid is not None or len(self.scenes) != 1):
+            raise RunError("--carla: frames have their own views; give one --scene and no --grid")
+        if self.samples is not None and self.samples < 1:
+            raise RunError(f"--spp {self.samples}: a picture needs at least one ray per pixel")
+
+
+def build_eyes(specs: Sequence[str]) -> list[Eye]:
+    """The detectors, each ``[NAME=]SPEC``; raises DetectorError where two have one name."""
+    eyes: list[Eye] = []
+    for spec in specs:
+        name, what = named(spec)
+        detector = build.build_detector(what)
+        build.vehicle_label(detector.class_names)  # those without a car see no camouflage either
+        key = digest(detector.name, sorted(hashes(detector_files(what)).values()))
+        eyes.append(Eye(name or detector.name, detector, key))
+        if [eye.name for eye in eyes].count(eyes[-1].name) > 1:
+            raise DetectorError(
+                f"--detector {spec}: two detectors are called '{eyes[-1].name}'; write NAME={what}"
+            )
+    return eyes
+
+
+def build_stages(request: Request, candidates: Sequence[Candidate]) -> list[Stage]:
+    """The scenes with their textures, or the CARLA frames; all have the same rows."""
+    # Painted when all else has been found in order: it takes the longest.
+    prompts = cache(lambda: _prompts(request, candidates))
+    make = _scene_stage if request.carla is None else _frame_stage
+    names = _scene_names(request.scenes)
+    return [
+        make(request, path, name, candidates, prompts)
+        for path, name in zip(request.scenes, names, strict=True)
+    ]
+
+
+def _scene_stage(
+    request: Request,
+    path: Path,
+    name: str,
+    candidates: Sequence[Candidate],
+    prompts: Callable[[], dict[str, SrgbTexture]],
+) -> Stage:
+    scene = load_scene(path)
+    vehicle = build.build_vehicle(scene)
+    paint, size = build.build_paint(scene, vehicle), scene.vehicle.texture_size
+    textures = {each.name: read_candidate(each, vehicle, size) for each in candidates}
+    backend, samples = request.backend, request.samples
+    return Stage(
+        name=name,
+        renderer=build.build_renderer(scene, vehicle, backend=backend, samples=samples),
+        shots=_shots(request, scene),
+        coats=make_coats(paint, textures, prompts(), wanted=request.controls, seed=request.seed),
+        folder=request.out,
+        key=scene_key(scene, vehicle, backend=backend, samples=samples),
+    )
+
+
+def _frame_stage(
+    request: Request,
+    path: Path,
+    name: str,
+    candidates: Sequence[Candidate],
+    prompts: Callable[[], dict[str, SrgbTexture]],
+) -> Stage:
+    """The scene's vehicle in the folder's frames; the frames themselves are a row, too."""
+    assert request.carla is not None
+    scene = load_scene(path)
+    vehicle = build.build_vehicle(scene)
+    frames = read_frames(
+        request.carla,
+        vehicle,
+        scene.weather(),
+        fov=request.fov,
+        kept=request.out / "fits",
+        seed=request.seed,
+    )
+    plain = _scene_stage(request, path, name, candidates, prompts)
+    assert isinstance(plain.renderer, MaskedRenderer)
+    return replace(
+        plain,
+        name=request.carla.resolve().name,
+        renderer=OverFrames(plain.renderer, frames.photographs),
+        shots=frames.shots,
+        key=digest(plain.key, *frames.photographs.values()),
+        photographs={"photograph": frames.photograph},
+        notes={"frames": frames.records},
+    )
+
+
+def _shots(request: Request, scene: Scene) -> Shots:
+    """The grid's, or those that judge a ``cnca optimize`` of the same seed."""
+    if request.grid is None:
+        return held_out_shots(scene, request.views, request.seed)
+    grid = find_grid(request.grid)
+    return Shots(*grid_shots(scene, grid, request.views, seed=request.seed), request.seed)
+
+
+def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, SrgbTexture]:
+    """Row → texture with F_adv = 0: of ``--prompt``, and of every run's folder."""
+    if "prompt" not in request.controls:
+        return {}
+    prompts = {
+        f"{each.name} prompt": build.read_texture(each.prompt_picture)
+        for each in candidates
+        if each.prompt_picture
+    }
+    prompt = request.prompt
+    if prompt is None:
+        return prompts
+    folder = request.generator or build.SHIPPED_GENERATOR
+    key = digest(prompt, request.seed, sorted(hashes([folder]).values()))
+
+    def paint_it() -> torch.Tensor:
+        generator = build.build_generator(request.generator, guidance=GUIDANCE)
+        noise = torch.Generator().manual_seed(request.seed)
+        nothing = torch.zeros(generator.feature_shape)
+        with torch.no_grad():
+            return generator.generate(generator.encode(prompt), nothing, noise)[None]
+
+    return {"prompt": kept_pictures(request.out / "prompt.npz", key, paint_it)[0], **prompts}
+
+
+def _scene_names(paths: Sequence[Path]) -> list[str]:
+    names = [path.stem for path in paths]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise RunError(f"--scene: two files are called '{twice}'; rename one")
+    return names

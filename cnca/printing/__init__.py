@@ -1,0 +1,1 @@
+"""A camouflage on paper: what inks can show, and sheets of true size."""
