@@ -1,4 +1,4 @@
-"""One of the processes of ``tests/test_parallel.py``: an attack on fakes, its outcome as a file.
+"""One of the processes of ``tests/attack/test_parallel.py``: an attack on fakes, its outcome as a file.
 
     python -m torch.distributed.run --nproc-per-node 2 -m tests.attack_rank FOLDER [STEP]
 

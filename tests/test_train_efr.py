@@ -13,7 +13,7 @@ from cnca.errors import RunError
 from cnca.mi_bridge import backgrounds
 from cnca.scene.schema import load_scene
 from cnca.types import PlainPictures
-from tests.test_import_carla import write_frame
+from tests.datasets.test_carla import write_frame
 
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 16}

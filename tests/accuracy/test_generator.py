@@ -6,7 +6,7 @@ import pytest
 import torch
 from rich.console import Console
 
-from cnca.accuracy.ladder import generator as generator_accuracy
+from cnca.accuracy import generator as generator_accuracy
 from cnca.errors import RunError
 from tests.gen.conftest import tiny, tiny_folder  # noqa: F401
 

@@ -9,9 +9,9 @@ import torch
 from rich.console import Console
 
 from cnca import cli
+from cnca.accuracy import ladder as command
+from cnca.accuracy import reference as reference_module
 from cnca.accuracy.ladder import Rung, accuracy, pareto_front
-from cnca.accuracy.ladder import ladder as command
-from cnca.accuracy.ladder import reference as reference_module
 from cnca.accuracy.price_list import describe_reference
 from cnca.errors import RunError
 from cnca.scene.effects import Demand

@@ -17,7 +17,7 @@ from cnca.gen.feature import StoredFeature
 from cnca.manifest import hashes, versions, write_json
 from cnca.optimize import Settings
 from cnca.scene.images import write_texture_srgb
-from tests.test_attack_run import SCENE, one_thread  # noqa: F401  (a fixture)
+from tests.attack.test_run import SCENE, one_thread  # noqa: F401  (a fixture)
 
 QUIET = Console(quiet=True)
 

@@ -9,8 +9,8 @@ import torch
 from rich.console import Console
 
 from cnca.errors import RunError
-from cnca.evidence.evaluation import parts as evidence_parts
-from cnca.evidence.evaluation import photos
+from cnca.evidence import parts as evidence_parts
+from cnca.evidence import photos
 from cnca.evidence.labels import Photo
 from cnca.evidence.photos import (
     PhotoRequest,
