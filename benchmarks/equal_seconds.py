@@ -1,6 +1,6 @@
 """The attack by each backend with the same processor seconds, judged by the path tracer.
 
-    python benchmarks/equal_seconds.py scenes/sedan_clear.yaml --seconds 180 --efr builtin
+    python benchmarks/equal_seconds.py scenes/sedan_clear.yaml --seconds 120
 
 searches free texels in place of F_adv, as ``benchmarks/texels.py`` does: the shipped generator
 costs most of a step, whichever backend draws.  What a backend prepares, and the kernels that it
@@ -84,6 +84,7 @@ class Contest:
             "",
             tau=BOUND,
             steps=ENDLESS,
+            views_per_step=4,
             view_pool=1,
             learning_rate=0.3,
             full_overlap=0.5,
@@ -135,7 +136,7 @@ def main() -> None:
     """Search what is not there, judge all, then write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path)
-    parser.add_argument("--seconds", type=float, default=180, help="Processor seconds of each.")
+    parser.add_argument("--seconds", type=float, default=120, help="Processor seconds of each.")
     parser.add_argument("--efr", type=Path, default=Path("builtin"), help="Trained for raster.")
     parser.add_argument("--detector", default="builtin")
     parser.add_argument("--out", type=Path, default=Path("out/equal_seconds"))
