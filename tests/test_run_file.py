@@ -3,9 +3,9 @@
 import pytest
 from typer.testing import CliRunner
 
-from cnca import terminal
 from cnca.cli.app import app
 from cnca.errors import RunError
+from cnca.terminal import attack as terminal
 
 
 @pytest.fixture

@@ -54,9 +54,9 @@ def evaluate(
     seed: Seed = 0,
 ) -> None:
     """Measure AP@0.5 of textures against controls, with confidence intervals."""
-    from cnca import terminal
     from cnca.evidence.candidates import CONTROLS
     from cnca.evidence.parts import Request
+    from cnca.terminal import evidence as terminal
 
     detectors = tuple(detector or ["builtin"])
     if photos is not None or labels is not None:
@@ -99,8 +99,8 @@ def table1(
     seed: Seed = 0,
 ) -> None:
     """Make the paper's Table 1: AP@0.5 of its methods' textures over its grid of views."""
-    from cnca import terminal
     from cnca.evidence.parts import Request
+    from cnca.terminal import evidence as terminal
 
     request = Request(
         tuple(scene),

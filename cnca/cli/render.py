@@ -44,9 +44,9 @@ def render_scene(
     json: Annotated[bool, typer.Option("--json", help="Print the records as JSON.")] = False,
 ) -> None:
     """Render a scene file: the picture, and a JSON record beside it."""
-    from cnca import terminal
     from cnca.render_scene import render_scene
     from cnca.scene.effects import Demand, parse_effects
+    from cnca.terminal import render as terminal
 
     records = render_scene(
         scene,
@@ -75,7 +75,7 @@ def accuracy(
     ] = False,
 ) -> None:
     """Measure what accuracy costs in time; the same command goes on after an interruption."""
-    from cnca import terminal
+    from cnca.terminal import render as terminal
 
     terminal.accuracy(scene, out, seconds=seconds, view=view, detector=detector, volpath=volpath)
 
@@ -91,7 +91,7 @@ def accuracy_generator(
     seed: Seed = 0,
 ) -> None:
     """Measure what going back through fewer denoising steps costs the gradient."""
-    from cnca import terminal
+    from cnca.terminal import render as terminal
 
     terminal.generator_accuracy(
         out,

@@ -104,7 +104,7 @@ def train_efr(
     seed: Seed = 0,
 ) -> None:
     """Train an EFR that corrects cheap renders towards path-traced ones or photographs."""
-    from cnca import terminal
+    from cnca.terminal import data as terminal
 
     terminal.train_efr(
         out,
