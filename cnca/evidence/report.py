@@ -34,16 +34,16 @@ def write_markdown(path: Path, results: Mapping[str, Any], pictures: Sequence[st
         f"{results['views']} views; scenes: {', '.join(results['scenes'])}. In brackets: "
         f"{results['interval']}. {_meaning(results)}\n",
         "## AP@0.5 of the car (Pascal VOC 2010–2012, area)\n",
-        _by_detector(results["all"], "car", results),
+        by_detector(results["all"], "car", results),
         "## AP@0.5 as any vehicle (car, truck, bus)\n",
-        _by_detector(results["all"], "vehicle", results),
+        by_detector(results["all"], "vehicle", results),
         "## All measures, mean over the detectors\n",
-        _by_measure(results),
+        by_measure(results),
     ]
     if results["comparisons"]:
         parts += ["## Against the controls\n", _comparisons(results)]
     for scene, measured in results.get("by_scene", {}).items():
-        parts += [f"## {scene}: AP@0.5 of the car\n", _by_detector(measured, "car", results)]
+        parts += [f"## {scene}: AP@0.5 of the car\n", by_detector(measured, "car", results)]
     if "frames" in results:
         parts += ["## Frames\n", _frames(results["frames"])]
     parts += ["## Pictures\n", *(f"![{name}]({name})\n" for name in pictures)]
@@ -99,8 +99,12 @@ def _meaning(results: Mapping[str, Any]) -> str:
     )
 
 
-def _by_detector(measured: Mapping[str, Any], column: str, results: Mapping[str, Any]) -> str:
-    detectors = [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
+def by_detector(measured: Mapping[str, Any], column: str, results: Mapping[str, Any]) -> str:
+    """AP of every texture before every detector, ``measured`` as ``results["all"]`` is.
+
+    ``column`` is ``car``, or ``vehicle`` for any vehicle.
+    """
+    detectors = _columns(results)
     rows = [
         [row, *(cell(measured[row][detector][column]["AP_voc"]) for detector in detectors)]
         for row in results["rows"]
@@ -108,7 +112,8 @@ def _by_detector(measured: Mapping[str, Any], column: str, results: Mapping[str,
     return table(["texture", *detectors], rows)
 
 
-def _by_measure(results: Mapping[str, Any]) -> str:
+def by_measure(results: Mapping[str, Any]) -> str:
+    """All measures of every texture, mean over the detectors."""
     rows = []
     for row in results["rows"]:
         own = results["all"][row][TOTAL]["car"]
@@ -117,16 +122,25 @@ def _by_measure(results: Mapping[str, Any]) -> str:
 
 
 def _comparisons(results: Mapping[str, Any]) -> str:
-    detectors = [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
-    rows = []
-    for each in results["comparisons"]:
-        if each["detector"] in detectors:
-            named = [each["candidate"], each["control"], each["detector"]]
-            rows.append([*named, cell(each), each["verdict"]])
-    head = ["texture", "control", "detector", "difference of AP@0.5 (VOC, car)", "verdict"]
     sentences = "\n".join(f"- {sentence}" for sentence in headlines(results))
     note = (
         "\nThe interval is that of the difference over the same views; where it holds 0, there is "
         "no difference to speak of.\n"
     )
-    return sentences + "\n" + note + "\n" + table(head, rows)
+    return sentences + "\n" + note + "\n" + comparison_table(results)
+
+
+def comparison_table(results: Mapping[str, Any]) -> str:
+    """The difference of each candidate from each of its controls, with its verdict."""
+    rows = []
+    for each in results["comparisons"]:
+        if each["detector"] in _columns(results):
+            names = [each["candidate"], each["control"], each["detector"]]
+            rows.append([*names, cell(each), each["verdict"]])
+    head = ["texture", "control", "detector", "difference of AP@0.5 (VOC, car)", "verdict"]
+    return table(head, rows)
+
+
+def _columns(results: Mapping[str, Any]) -> list[str]:
+    """The detectors, and their mean where there are several."""
+    return [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
