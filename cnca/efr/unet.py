@@ -53,14 +53,22 @@ class EnvironmentFeatureRenderer(nn.Module):
             nn.init.zeros_(parameter)
 
     def forward(self, images: LinearImages, reference: PlainPictures) -> LinearImages:
-        """Return X_ren, ≥ 0; differentiable in ``images``."""
-        vehicle = (images != reference.traced).any(dim=1, keepdim=True)
+        """Return X_ren, ≥ 0; differentiable in ``images``.
+
+        Each picture is cut to its own vehicle: the norms would mix in what else is there.
+        """
+        pictures = images, reference.traced, reference.drawn
+        each = zip(*(picture.split(1) for picture in pictures), strict=True)
+        return torch.cat([self._one(*cut) for cut in each])
+
+    def _one(self, image: LinearImages, traced: LinearImages, drawn: LinearImages) -> LinearImages:
+        """X_ren of a batch of one."""
+        vehicle = (image != traced).any(dim=1, keepdim=True)
         if not vehicle.any():
-            return images
-        rows, columns = _extent(vehicle.any(dim=3)), _extent(vehicle.any(dim=2))
-        corrected = images.clone()
-        part = (..., rows, columns)
-        cut = images[part], reference.traced[part], reference.drawn[part]
+            return image
+        part = (..., _extent(vehicle.any(dim=3)), _extent(vehicle.any(dim=2)))
+        corrected = image.clone()
+        cut = image[part], traced[part], drawn[part]
         corrected[part] = torch.where(vehicle[part], self._correct(*cut).clamp(min=0), cut[0])
         return corrected
 
@@ -114,9 +122,9 @@ def weighted_bce(corrected: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
     return (weight * bce).mean()
 
 
-def _extent(covered: Bool[Tensor, "batch 1 positions"]) -> slice:
-    """The positions from the first to the last that any picture of the batch covers."""
-    places = covered.any(dim=0)[0].nonzero()
+def _extent(covered: Bool[Tensor, "1 1 positions"]) -> slice:
+    """The positions from the first to the last that are covered."""
+    places = covered.flatten().nonzero()
     return slice(int(places[0]), int(places[-1]) + 1)
 
 

@@ -50,7 +50,7 @@ def test_learns_a_tint():
 
 
 def test_what_both_pictures_share_stays_as_it_is():
-    """The background, and what the network sees is only the rest's part of the picture."""
+    """The background, in pictures and in whole ones."""
     efr, images = EnvironmentFeatureRenderer(), pictures(0)
     torch.nn.init.normal_(efr.maps.weight)
     reference, changed = images.clone(), torch.zeros(2, 1, 37, 50, dtype=torch.bool)
@@ -60,9 +60,19 @@ def test_what_both_pictures_share_stays_as_it_is():
     different = (corrected != images).any(dim=1, keepdim=True)
     assert not different[~changed].any()
     assert different[changed].float().mean() > 0.9
-    small = (..., slice(10, 25), slice(5, 33))
-    assert torch.allclose(efr(images[small], plain(reference[small])), corrected[small])
     assert torch.equal(efr(images, plain(images)), images)
+
+
+def test_a_picture_is_corrected_alike_whatever_stands_beside_it():
+    """As in training, where each picture is cut to its vehicle."""
+    efr, images, reference = EnvironmentFeatureRenderer(), pictures(0), pictures(0)
+    torch.nn.init.normal_(efr.maps.weight)
+    reference[0, :, 3:12, 4:18] += 0.1
+    reference[1, :, 20:35, 30:48] += 0.1
+    alone = [efr(images[k : k + 1], plain(reference[k : k + 1])) for k in range(2)]
+    torch.testing.assert_close(efr(images, plain(reference)), torch.cat(alone))
+    cut = (slice(1, 2), slice(None), slice(20, 35), slice(30, 48))
+    torch.testing.assert_close(efr(images[cut], plain(reference[cut])), alone[1][:, *cut[1:]])
 
 
 def test_saved_weights_come_back(tmp_path):
