@@ -85,6 +85,25 @@ def test_pydantic_errors_are_one_line(monkeypatch, capsys):
     assert message.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("[enforce fail at alloc_cpu.cpp:124] can't allocate memory: you tried …"),
+        RuntimeError("jit_malloc(): out of memory! Could not allocate 8 bytes of device memory."),
+    ],
+)
+def test_too_little_memory_is_one_line(monkeypatch, capsys, error):
+    wrapped = RuntimeError("dr.while_loop(): encountered an exception (see above).\nmore")
+    wrapped.__cause__ = error
+    for each in (error, wrapped):
+        with pytest.raises(SystemExit):
+            _run_main_raising(monkeypatch, each)
+        message = capsys.readouterr().err
+        assert message.startswith("error: not enough memory (")
+        assert message.count("\n") == 1
+
+
 def test_a_bug_keeps_its_traceback(monkeypatch):
     with pytest.raises(ZeroDivisionError):
         _run_main_raising(monkeypatch, ZeroDivisionError())

@@ -31,6 +31,10 @@ def _user_message(error: Exception) -> str | None:
     """The one line to show for ``error``, or None if it is a bug that deserves its traceback."""
     if isinstance(error, CncaError):
         return " ".join(str(error).split())
+    if _is_out_of_memory(error):
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        advice = "take smaller or fewer pictures at once, or cnca --memory-budget 100MiB …"
+        return f"not enough memory ({reason}); {advice}"
     pydantic = sys.modules.get("pydantic")  # who has not imported it cannot have raised its error
     if pydantic is not None and isinstance(error, pydantic.ValidationError):
         places = (
@@ -39,3 +43,13 @@ def _user_message(error: Exception) -> str | None:
         )
         return f"{error.title}: " + "; ".join(places)
     return None
+
+
+def _is_out_of_memory(error: BaseException | None) -> bool:
+    """Whether Python, numpy, torch or Dr.Jit, which wraps it, found no more memory."""
+    words = "out of memory", "can't allocate memory"
+    while error is not None:
+        if isinstance(error, MemoryError) or any(word in str(error) for word in words):
+            return True
+        error = error.__cause__
+    return False

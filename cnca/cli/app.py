@@ -9,6 +9,8 @@ import typer
 
 QUIET = "CNCA_QUIET"
 """Environment variable that silences progress bars; ``--quiet`` sets it."""
+MEMORY_BUDGET = "CNCA_MEMORY_BUDGET"
+"""Environment variable that bounds the memory of rays; ``--memory-budget`` sets it."""
 
 app = typer.Typer(
     name="cnca",
@@ -44,6 +46,16 @@ def _options(
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", envvar=QUIET, help="No progress bars.")
     ] = False,
+    memory_budget: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            envvar=MEMORY_BUDGET,
+            help="Memory for rays, such as 500MiB: larger pictures are rendered in parts.",
+        ),
+    ] = None,
 ) -> None:
+    if memory_budget:
+        os.environ[MEMORY_BUDGET] = memory_budget  # likewise in cnca.mi_bridge.memory
     if quiet:
         os.environ[QUIET] = "1"  # where cnca.progress looks, in this process and its children

@@ -7,7 +7,7 @@ renders without gradient disturb nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 from jaxtyping import Float
 from torch import Tensor
@@ -84,27 +84,39 @@ class Shot:
 
 
 class _Render(dr.CustomOp):
-    """(texture, shot) → exposed image of the cameras' film shape and 3 colours."""
+    """(texture, shots) → exposed image of the cameras' film shape and 3 colours.
 
-    def eval(self, albedo: mi.TensorXf, shot: Shot) -> mi.TensorXf:
-        self.albedo, self.shot = dr.detach(albedo), shot
+    The parts of a picture are taken one after the other, and only their sum is kept.
+    """
+
+    def eval(self, albedo: mi.TensorXf, shots: Sequence[Shot]) -> mi.TensorXf:
+        self.albedo, self.shots, first = dr.detach(albedo), shots, shots[0]
+        image = mi.Float(0)
         with dr.suspend_grad():
-            shot.geometry.bind(self.albedo)
-            radiance = shot.primal(shot.seed)
-            dr.eval(radiance)  # once, not once for each colour that is averaged below
-            pixels = [average_samples(channel, shot.samples) for channel in radiance]
-            image = dr.ravel(mi.Color3f(*pixels) * shot.exposure)
-            dr.eval(image)
-        return mi.TensorXf(image, shape=(*shot.cameras.film_shape, 3))
+            first.geometry.bind(self.albedo)
+            for shot, share in self._parts():
+                radiance = shot.primal(shot.seed)
+                dr.eval(radiance)  # once, not once for each colour that is averaged below
+                pixels = [average_samples(channel, shot.samples) for channel in radiance]
+                image += dr.ravel(mi.Color3f(*pixels) * shot.exposure) * share
+                dr.eval(image)
+        return mi.TensorXf(image, shape=(*first.cameras.film_shape, 3))
 
     def backward(self) -> None:
-        shot = self.shot
-        bound = shot.geometry.bind(self.albedo, differentiable=True)
+        geometry = self.shots[0].geometry
+        bound = geometry.bind(self.albedo, differentiable=True)
         image_gradient = self.grad_out()  # reads zeros once gradients are suspended
-        with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
-            shot.adjoint(shot.seed + BACKWARD_SEED, image_gradient)
+        for shot, share in self._parts():
+            with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
+                shot.adjoint(shot.seed + BACKWARD_SEED, image_gradient * share)
+            dr.eval(dr.grad(bound))
         self.set_grad_in("albedo", dr.grad(bound) * (1 - ALBEDO_FLOOR))
-        shot.geometry.bind(self.albedo)  # leave no derivatives behind
+        geometry.bind(self.albedo)  # leave no derivatives behind
+
+    def _parts(self) -> Iterator[tuple[Shot, float]]:
+        """Each part, and the share of all samples that it has."""
+        samples = sum(shot.samples for shot in self.shots)
+        return ((shot, shot.samples / samples) for shot in self.shots)
 
     def forward(self) -> None:
         raise NotImplementedError("the texture's gradient is computed in reverse mode only")
@@ -113,12 +125,15 @@ class _Render(dr.CustomOp):
         return "cnca.render"
 
 
-def render(albedo: Float[Tensor, "size size 3"], shot: Shot) -> Float[Tensor, "*film 3"]:
-    """Exposed linear images of ``albedo`` (linear, [0, 1], row 0 at v = 1); differentiable."""
+def render(albedo: Float[Tensor, "size size 3"], shots: Sequence[Shot]) -> Float[Tensor, "*film 3"]:
+    """Exposed linear images of ``albedo`` (linear, [0, 1], row 0 at v = 1); differentiable.
+
+    ``shots`` are the parts of the same pictures that each takes some of the samples.
+    """
 
     @dr.wrap(source="torch", target="drjit")
     def call(albedo: mi.TensorXf) -> mi.TensorXf:
-        return dr.custom(_Render, albedo, shot)
+        return dr.custom(_Render, albedo, shots)
 
     # dr.wrap refuses parameters and half precision in backward: give it a plain float32 tensor.
     wrapped: Callable[[Tensor], Tensor] = call

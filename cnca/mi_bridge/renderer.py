@@ -25,6 +25,7 @@ from cnca.mi_bridge.layers import (
     vehicle_mask,
 )
 from cnca.mi_bridge.light import lambertian_white, make_light
+from cnca.mi_bridge.memory import refuse_too_many, samples_at_once
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
 from cnca.scene.effects import Demand, EffectPlan, plan
@@ -35,9 +36,6 @@ from cnca.types import Boxes, LinearImages, LinearTexture
 
 WEATHERS_KEPT = 64
 """Weathers whose sky and fog stay in memory (about 3 MB each)."""
-
-MOST_RAYS = 2**24
-"""Rays at once; each takes about 50 bytes."""
 
 DARKEST = 1e-9
 """White in fog as a share of white above it, starlight to daylight: darker, pictures stay black."""
@@ -106,6 +104,7 @@ class MitsubaRenderer:
             TextureError: the texture has another shape than (3, size, size), holds NaN, or leaves
                 [0, 1].
             NonFiniteError: a view, or a gradient in the backward pass, holds NaN or infinity.
+            BackendError: there is too little memory.
         """
         return self._expose(albedo, views, weather, None, seed).permute(0, 3, 1, 2)
 
@@ -141,8 +140,7 @@ class MitsubaRenderer:
         shots = self.shots(chosen, views, pixels, seed=seed)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
-        parts = [render(texture, shot) * shot.samples for shot in shots]
-        images = torch.stack(parts).sum(dim=0) / chosen.samples
+        images = render(texture, shots)
         refuse_non_finite(images, texture, shots[0].cameras, weather, seed)
         return images
 
@@ -159,7 +157,8 @@ class MitsubaRenderer:
         self._wear(chosen["materials"], chosen["glass"])
         cameras = self._cameras(views, pixels)
         atmosphere = self._atmosphere(chosen.weather, chosen["sun"], chosen["fog"])
-        part = max((most_rays or MOST_RAYS) // cameras.lanes(1), 1)
+        part = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
+        refuse_too_many(cameras.lanes(part))
         return [
             Shot(
                 self.geometry,

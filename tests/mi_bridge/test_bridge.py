@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from cnca.errors import TextureError
+from cnca.mi_bridge import memory
 from cnca.mi_bridge import renderer as renderer_module
 from cnca.mi_bridge.variant import dr
 from cnca.scene.weather import Fog, Weather
@@ -191,7 +192,7 @@ def test_a_picture_of_many_samples_is_rendered_in_parts(renderer, monkeypatch):
     texture, view = random_texture(), orbit()
     whole = renderer.render(texture, [view], CLEAR, seed=SEED)
     whole_gradient = gradient(renderer, texture)
-    monkeypatch.setattr(renderer_module, "MOST_RAYS", view.width * view.height * 24)
+    monkeypatch.setattr(memory, "MOST_RAYS", view.width * view.height * 24)
     parts = renderer.render(texture, [view], CLEAR, seed=SEED)
     assert not torch.equal(parts, whole)
     other = renderer.render(texture, [view], CLEAR, seed=SEED + 1)

@@ -19,8 +19,8 @@ TEXTURE = torch.full((3, 8, 8), 0.5)
 def broken(bad: float):
     """A picture with one bad value in the second row of the film."""
 
-    def render(texture, shot):
-        image = torch.zeros(*shot.cameras.film_shape, 3)
+    def render(texture, shots):
+        image = torch.zeros(*shots[0].cameras.film_shape, 3)
         image[1].flatten()[0] = bad
         return image
 
@@ -42,8 +42,8 @@ def test_a_chosen_pixel(renderer, monkeypatch):
 
 
 def test_the_gradient_that_the_renderer_computes(renderer, monkeypatch):
-    def steep(texture, shot):  # 0 with the slope 0/0
-        return (0 * texture.sum()).sqrt().expand(*shot.cameras.film_shape, 3)
+    def steep(texture, shots):  # 0 with the slope 0/0
+        return (0 * texture.sum()).sqrt().expand(*shots[0].cameras.film_shape, 3)
 
     monkeypatch.setattr(renderer_module, "render", steep)
     texture = TEXTURE.clone().requires_grad_()
