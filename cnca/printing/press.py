@@ -2,9 +2,8 @@
 
 Without a profile the inks are those of sheet-fed offset on coated paper.  Their tones follow
 Neugebauer (1937): a halftone is a mosaic of paper, inks and overprints, whose shares are the
-products of the inks' shares (Demichel, 1924), and whose tristimulus values add.  Black hides what
-is under it, so blacks are a little greyer than those of four inks on top of each other.  Shares
-are those on paper: what the screen gains in print is the printer's to correct.
+products of the inks' shares (Demichel, 1924), and whose tristimulus values add.  Shares are those
+on paper: what the screen gains in print is the printer's to correct.
 
 Colours are compared absolutely (white is the paper), in CIELAB under D50 and the 2° observer.
 """
@@ -30,18 +29,26 @@ Press = Callable[[SrgbArray], SrgbArray]
 """A picture → how it looks in print."""
 
 SOLIDS = {
-    (0, 0, 0): (95, 0, -2),
-    (1, 0, 0): (55, -37, -50),
-    (0, 1, 0): (48, 74, -3),
-    (0, 0, 1): (89, -5, 93),
-    (0, 1, 1): (47, 68, 48),
-    (1, 0, 1): (50, -65, 27),
-    (1, 1, 0): (24, 22, -46),
-    (1, 1, 1): (23, 0, 0),
+    (0, 0, 0, 0): (95, 0, -2),
+    (1, 0, 0, 0): (55, -37, -50),
+    (0, 1, 0, 0): (48, 74, -3),
+    (0, 0, 1, 0): (89, -5, 93),
+    (0, 1, 1, 0): (47, 68, 48),
+    (1, 0, 1, 0): (50, -65, 27),
+    (1, 1, 0, 0): (24, 22, -46),
+    (1, 1, 1, 0): (23, 0, 0),
+    (0, 0, 0, 1): (16, 0, 0),
+    (1, 0, 0, 1): (10.41, -8.20, -10.25),
+    (0, 1, 0, 1): (10.42, 13.93, 1.35),
+    (0, 0, 1, 1): (15.71, -3.08, 11.68),
+    (0, 1, 1, 1): (11.33, 8.61, 7.28),
+    (1, 0, 1, 1): (11.32, -12.88, 3.56),
+    (1, 1, 0, 1): (7.88, 5.79, -5.94),
+    (1, 1, 1, 1): (8.71, -0.07, 2.06),
 }
-"""Solid cyan, magenta, yellow → CIELAB on white backing, coated paper (types 1 and 2 of ISO
-12647-2:2004/Amd 1:2007, the aims of the characterization data FOGRA39)."""
-BLACK = (16, 0, 0)
+"""Solid cyan, magenta, yellow, black → CIELAB on white backing: the full-tone patches of Fogra's
+characterization data FOGRA39L (December 2006; offset after ISO 12647-2:2004/Amd 1, coated paper),
+which Debian's package icc-profiles-free holds as FOGRA39L.ti3."""
 GRID, START = 25, 7
 """Colours per axis of sRGB that are looked up, and of inks to start the search from."""
 STEPS = 30
@@ -88,10 +95,8 @@ def lab_of_inks(inks: Inks) -> Lab:
 
     solids = colour.Lab_to_XYZ(np.array(list(SOLIDS.values()), float), _d50())
     covered = np.array(list(SOLIDS), bool)
-    shares = np.where(covered, inks[:, None, :3], 1 - inks[:, None, :3]).prod(axis=2)
-    black = colour.Lab_to_XYZ(np.array(BLACK, float), _d50())
-    xyz = (1 - inks[:, 3:]) * (shares @ solids) + inks[:, 3:] * black
-    return colour.XYZ_to_Lab(xyz, _d50())
+    shares = np.where(covered, inks[:, None], 1 - inks[:, None]).prod(axis=2)
+    return colour.XYZ_to_Lab(shares @ solids, _d50())
 
 
 def nearest_inks(wanted: Lab) -> Inks:
