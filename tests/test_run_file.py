@@ -6,6 +6,7 @@ from typer.testing import CliRunner
 from cnca.cli.app import app
 from cnca.errors import RunError
 from cnca.terminal import attack as terminal
+from cnca.terminal import evidence as terminal_of_evidence
 
 
 @pytest.fixture
@@ -59,6 +60,16 @@ def test_a_repeatable_flag_may_stand_alone(asked, write):
     _cnca("--config", write(f"{{{common}, detector: builtin}}"))
     _cnca("--config", write(f"{{{common}, detector: [builtin, a.cfg=0.5]}}"))
     assert [request.detectors for request, _ in asked] == [("builtin",), ("builtin", "a.cfg=0.5")]
+
+
+def test_evaluate_takes_one_too(monkeypatch, write):
+    found = []
+    monkeypatch.setattr(terminal_of_evidence, "evidence", found.append)
+    text = "{out: out/evidence, scene: a.yaml, texture: [out/run, b.png], views: 12}"
+    answer = CliRunner().invoke(app, ["evaluate", "--config", write(text), "--seed", "3"])
+    assert answer.exit_code == 0, answer.output
+    [request] = found
+    assert (request.textures, request.views, request.seed) == (("out/run", "b.png"), 12, 3)
 
 
 def test_it_says_the_same_as_flags(asked, write):

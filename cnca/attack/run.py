@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import torch
 from rich.console import Console
 
 from cnca import build, controls
-from cnca.attack import checkpoint, parallel
+from cnca.attack import checkpoint, parallel, tensorboard
 from cnca.errors import RunError
 from cnca.evaluate import Result, Shots, evaluate
 from cnca.files import append_text, remove_unfinished, write_text
@@ -60,12 +61,14 @@ class Request:
     """Where the generator works; all else works on the CPU."""
     mixed_precision: bool = False
     held_out_views: int = 24
+    tensorboard: bool = False
+    """Also write the log for TensorBoard, into the folder's ``tensorboard``."""
     resume: bool = False
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything that decides the result: neither the folder nor whether it is resumed."""
+        """Everything that decides the result: not the folder, its log, or whether it is resumed."""
         fields = asdict(self)
-        del fields["out"], fields["resume"]
+        del fields["out"], fields["tensorboard"], fields["resume"]
         if math.isinf(self.settings.tau):
             fields["settings"]["tau"] = "inf"  # which JSON cannot say as a number
         return json.loads(json.dumps(fields, default=str))
@@ -77,6 +80,8 @@ def run(request: Request, console: Console) -> dict[str, Any]:
     Raises:
         RunError: the folder holds another run, or one that is not to be resumed.
     """
+    if request.tensorboard:
+        tensorboard.need_tensorboard()
     scene = load_scene(request.scene)
     attack = assemble(request, scene)
     progress = start(attack, request.settings)
@@ -134,17 +139,24 @@ def _attack(request: Request, attack: Attack, progress: Progress, console: Conso
     log = request.out / "log.jsonl"
     if parallel.rank() == 0:
         _keep_lines(log, progress.step)
-    with bar(console) as shown:
+    with bar(console) as shown, _board(request, progress) as board:
         task = shown.add_task("attack", total=request.settings.steps, completed=progress.step)
 
         def after_step(progress: Progress, record: dict[str, Any]) -> None:
             if parallel.rank() == 0:
                 append_text(log, json.dumps(record) + "\n")
+                board(record)
                 checkpoint.save(progress, request.out / CHECKPOINT)
             label = f"attack: L_adv {record['loss_adv']:.3f}, D_s {record['D_s']:.3f}"
             shown.update(task, completed=progress.step, description=label)
 
         optimize(attack, request.settings, progress, after_step)
+
+
+def _board(request: Request, progress: Progress) -> AbstractContextManager[tensorboard.Log]:
+    if not request.tensorboard or parallel.rank() > 0:
+        return nullcontext(lambda record: None)
+    return tensorboard.logging_to(request.out / "tensorboard", progress.step)
 
 
 def _keep_lines(log: Path, count: int) -> None:

@@ -9,6 +9,7 @@ import typer
 
 from cnca.cli.app import app
 from cnca.cli.options import Generator, Samples, Seed
+from cnca.cli.run_file import Config
 
 
 @app.command()
@@ -52,6 +53,7 @@ def evaluate(
     ] = False,
     spp: Samples = None,
     seed: Seed = 0,
+    config: Config = None,
 ) -> None:
     """Measure AP@0.5 of textures against controls, with confidence intervals."""
     from cnca.evidence.candidates import CONTROLS
@@ -97,6 +99,7 @@ def table1(
     ] = False,
     spp: Samples = None,
     seed: Seed = 0,
+    config: Config = None,
 ) -> None:
     """Make the paper's Table 1: AP@0.5 of its methods' textures over its grid of views."""
     from cnca.evidence.parts import Request

@@ -110,6 +110,9 @@ class AttackOptions:
     patience: Annotated[
         int, typer.Option(help="Stop after so many checks in a row without gain; 0 never stops.")
     ] = 0
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Also log into OUT/tensorboard.")
+    ] = False
     seed: Seed = 0
     config: Config = None
 
@@ -146,5 +149,6 @@ class AttackOptions:
             device=self.device,
             mixed_precision=self.mixed_precision,
             held_out_views=self.held_out_views,
+            tensorboard=self.tensorboard,
             resume=resume,
         )

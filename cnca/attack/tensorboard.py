@@ -1,0 +1,36 @@
+"""The scalars of a run for TensorBoard, which is imported only where a run asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cnca.errors import RunError
+
+Log = Callable[[dict[str, Any]], None]
+"""Takes a record of ``log.jsonl``."""
+
+
+def need_tensorboard() -> Any:
+    """``torch.utils.tensorboard``; raises RunError where the package is not installed."""
+    try:
+        from torch.utils import tensorboard
+    except ImportError:
+        message = "--tensorboard: the package is not installed; pip install tensorboard"
+        raise RunError(message) from None
+    return tensorboard
+
+
+@contextmanager
+def logging_to(folder: Path, step: int) -> Iterator[Log]:
+    """Write records into ``folder``; those of an earlier attempt after ``step`` are dropped."""
+    with need_tensorboard().SummaryWriter(str(folder), purge_step=step + 1) as writer:
+
+        def log(record: dict[str, Any]) -> None:
+            for name, value in record.items():
+                if name != "step" and isinstance(value, int | float):
+                    writer.add_scalar(name.replace("seconds_", "seconds/"), value, record["step"])
+
+        yield log
