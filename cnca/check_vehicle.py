@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -10,18 +11,22 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+import yaml
 
 from cnca import build
 from cnca.color import linear_to_srgb, srgb_to_linear
 from cnca.errors import MeshError
+from cnca.files import write_text
 from cnca.manifest import write_json
 from cnca.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.reorder_uv import SQUARE, checkerboard
 from cnca.scene.cameras import orbit_view
 from cnca.scene.checkup import Finding, check, mended
+from cnca.scene.load_mesh import BUILTIN
 from cnca.scene.mesh import Vehicle
 from cnca.scene.pieces import read_pieces, sound
 from cnca.scene.schema import Scene, VehicleSection, load_scene
+from cnca.scene.shipped import scene_file
 from cnca.scene.skin import Skin
 from cnca.scene.uv_checkup import overlaps, skin_with_uvs
 
@@ -29,6 +34,7 @@ SHOWN, TEXELS = 448, 1024
 """Pixels per side of each picture, and texels per side of the checker."""
 SAMPLES = 32
 GREY, DOUBLED, EMPTY = 0.7, (0.9, 0.1, 0.1), (0.1, 0.1, 0.1)
+EXAMPLE = "builtin:sedan_clear"
 SCENE_ENDINGS = (".yaml", ".yml")
 
 
@@ -37,7 +43,8 @@ def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
 
     Args:
         mesh: what to look at.
-        out: folder for ``vehicle.json`` and ``vehicle.png``; None writes nothing.
+        out: folder for ``vehicle.json``, ``vehicle.png`` and ``scene.yaml``, a scene with the
+            vehicle as mended, and else as the given or the shipped one; None writes nothing.
         given: keys of the scene's vehicle section that stand above the scene's, such as ``up``.
 
     Returns:
@@ -56,7 +63,7 @@ def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
     section = VehicleSection.model_validate(scene.vehicle.model_dump(exclude_unset=True) | given)
     findings = check(section, scene.base)
     proposed = mended(section, findings)
-    report = {
+    report: dict[str, Any] = {
         "mesh": section.mesh,
         "usable": not any(finding.severity == "fault" for finding in findings),
         "findings": [{**asdict(one), "line": one.line()} for one in findings],
@@ -66,7 +73,23 @@ def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
     if out is not None:
         write_png(out / "vehicle.png", _sheet(section, proposed, scene.base, findings))
         write_json(out / "vehicle.json", report)
+        _write_scene(out, mesh if mesh.endswith(SCENE_ENDINGS) else EXAMPLE, report["vehicle"])
     return report
+
+
+def _write_scene(out: Path, example: str, vehicle: dict[str, Any]) -> None:
+    """The scene file ``example`` with another ``vehicle``, whose paths start at the example's."""
+    file = scene_file(example)
+    base = Path() if example == EXAMPLE else file.parent
+    paths = {key: vehicle[key] for key in ("mesh", "paint_mask", "base_texture") if key in vehicle}
+    moved = {
+        key: Path(os.path.relpath(base / path, out)).as_posix()
+        for key, path in paths.items()
+        if not path.startswith(BUILTIN)
+    }
+    scene = yaml.safe_load(file.read_text(encoding="utf-8"))
+    scene["vehicle"] = vehicle | moved
+    write_text(out / "scene.yaml", yaml.safe_dump(scene, sort_keys=False, default_flow_style=None))
 
 
 def _sheet(

@@ -15,7 +15,7 @@ from cnca.cli import app
 from cnca.errors import MeshError
 from cnca.scene.load_mesh import load_vehicle
 from cnca.scene.pieces import read_pieces
-from cnca.scene.schema import VehicleSection
+from cnca.scene.schema import VehicleSection, load_scene
 from cnca.scene.uv_checkup import overlaps, skin_with_uvs
 from cnca.scene.write_mesh import write_obj
 
@@ -42,11 +42,22 @@ def test_exit_codes_and_lines(tmp_path):
         run(app, ["check-vehicle", str(tmp_path / "none.obj")], catch_exceptions=False)
 
 
-def test_the_proposed_section_makes_a_scene_that_is_good(tmp_path):
-    report = check_vehicle(str(_without_uvs(tmp_path)), None, up="z")
+def test_the_proposed_section_makes_a_scene_that_is_good(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SAMPLES", 4)
+    out = tmp_path / "out" / "check"
+    report = check_vehicle(str(_without_uvs(tmp_path)), out, up="z")
     assert not report["usable"]
-    (tmp_path / "scene.yaml").write_text(json.dumps({"vehicle": report["vehicle"]}))
-    assert check_vehicle(str(tmp_path / "scene.yaml"), None)["usable"]
+    assert check_vehicle(str(out / "scene.yaml"), None)["usable"]
+
+
+def test_the_scene_file_moves_with_its_paths(tmp_path):
+    """From a mesh to a scene file, and from that to one elsewhere: the same mesh, the same rest."""
+    module._write_scene(tmp_path / "a", module.EXAMPLE, {"mesh": str(CAR), "up": "z"})
+    module._write_scene(tmp_path, str(tmp_path / "a/scene.yaml"), {"mesh": "../car.obj"})
+    first, second = (load_scene(tmp_path / name) for name in ("a/scene.yaml", "scene.yaml"))
+    assert (first.base / first.vehicle.mesh).resolve() == CAR
+    assert second.vehicle.mesh == "car.obj"
+    assert first.cameras == second.cameras == load_scene(module.EXAMPLE).cameras
 
 
 def test_pictures_and_json(tmp_path, monkeypatch):

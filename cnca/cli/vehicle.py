@@ -38,6 +38,7 @@ def check_vehicle(
         typer.echo(f"scene: vehicle: {text.dumps(report['vehicle'])}")
         if out is not None:
             typer.echo(out / "vehicle.png")
+            typer.echo(out / "scene.yaml")
     raise typer.Exit(0 if report["usable"] else 1)
 
 

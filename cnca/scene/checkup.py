@@ -64,9 +64,11 @@ def check(section: VehicleSection, base: Path) -> list[Finding]:
     findings = list(_triangles(raw))
     pieces = sound(raw)
     if pieces:
+        findings += _axes(pieces, section)
+        section = mended(section, findings)  # all else is looked at the right way up
         ours = turned(pieces, section)
         sight = look_around(ours)
-        findings += [*_axes(pieces, section), *_parts(ours, section, sight)]
+        findings += _parts(ours, section, sight)
         findings += [*_texture(ours, section, base, sight), *_outside(ours, sight)]
     if not any(finding.severity == "fault" for finding in findings):
         findings += _reading(section, base)
@@ -205,7 +207,7 @@ def _texture(
         number = f"{use.pointlike:.1%} of the paint lies on points or lines of the texture"
         severity: Severity = "fault" if use.pointlike > 0.5 else "warning"
         yield Finding(severity, "UVs", number, keys=unwrap)
-    reorder = f"cnca reorder-uv {section.mesh} -o OUT.obj"
+    reorder = _reorder(section, base)
     if use.overlap > WORTH_A_WORD:
         number = f"{use.overlap:.1%} of the texture in use is used more than once"
         yield Finding("warning", "UVs overlap", number, f"or {reorder}", unwrap)
@@ -220,6 +222,16 @@ def _texture(
         f"95th over 5th percentile: {use.spread:.3g}"
     )
     yield Finding("note", "UVs", number)
+
+
+def _reorder(section: VehicleSection, base: Path) -> str:
+    """The command that lays out the vehicle's UVs anew."""
+    given = section.model_dump(include={"up", "front", "scale"}, exclude_defaults=True)
+    textures = {"paint-mask": section.paint_mask, "base-texture": section.base_texture}
+    given |= {key: base / path for key, path in textures.items() if path}
+    flags = "".join(f" --{key} {value}" for key, value in given.items())
+    mesh = section.mesh if section.mesh.startswith(BUILTIN) else base / section.mesh
+    return f"cnca reorder-uv {mesh} -o OUT.obj" + ("" if mesh == section.mesh else flags)
 
 
 def _outside(pieces: Sequence[Piece], sight: Sight) -> Iterator[Finding]:
