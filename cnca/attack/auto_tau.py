@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
 
 import torch
 from rich.console import Console
@@ -19,8 +18,6 @@ from cnca.manifest import write_json
 GRID = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Bounds among which the search decides; the paper's table lies within."""
 
-Found = TypeVar("Found")
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -31,10 +28,13 @@ class Choice:
 
 
 def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Console) -> Choice:
-    """Bisect :data:`GRID` for the largest τ whose camouflage keeps the prompt score ``least``.
+    """Bisect :data:`GRID` for the bound up to which camouflages keep the prompt score ``least``.
 
-    Takes it that the score falls as τ grows, and so about log₂ of the grid's length runs.  Writes
-    ``auto_tau.json``, ``.md`` and ``.png`` into ``request.out``; each run has a folder in there.
+    Takes it that the score falls as τ grows, and so about log₂ of the grid's length runs.  Of those
+    that keep the score the strongest is chosen, by its detection score on held-out views: a larger
+    τ is not always stronger.  These views thus help to choose one of at most four; quote a
+    detection score from others (``cnca evaluate --seed``).  Writes ``auto_tau.json``, ``.md`` and
+    ``.png`` into ``request.out``; each run has a folder in there.
 
     Raises:
         RunError: not even F_adv = 0, or the smallest τ, keeps the score.
@@ -52,9 +52,13 @@ def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Cons
         rows[tau] = row(with_tau(request, tau), f"τ = {tau:g}", scorer, console)
         return rows[tau].naturalness.prompt_score >= least
 
-    tau = largest(GRID, keeps)
+    bisect(GRID, keeps)
     known = [rows[one] for one in sorted(rows)]
     write_tables(request.out, "auto_tau", "τ", known)
+    tau = strongest(
+        {tau: (one.naturalness.prompt_score, one.detection_score) for tau, one in rows.items()},
+        least,
+    )
     if tau is None:
         raise RunError(
             f"--min-prompt-score {least:g}: τ = {GRID[0]:g} already scores "
@@ -70,8 +74,8 @@ def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Cons
     return Choice(tau, known)
 
 
-def largest(grid: tuple[Found, ...], keeps: Callable[[Found], bool]) -> Found | None:
-    """The last of the grid that keeps, where those before it do and those behind it do not."""
+def bisect(grid: tuple[float, ...], keeps: Callable[[float], bool]) -> None:
+    """Ask ``keeps`` where it turns from true to false, taking it that it does so once."""
     low, high = -1, len(grid)  # the last known to keep, the first known not to
     while high - low > 1:
         middle = (low + high) // 2
@@ -79,7 +83,15 @@ def largest(grid: tuple[Found, ...], keeps: Callable[[Found], bool]) -> Found | 
             low = middle
         else:
             high = middle
-    return grid[low] if low >= 0 else None
+
+
+def strongest(found: Mapping[float, tuple[float, float]], least: float) -> float | None:
+    """The τ of the lowest detection score among those that keep the prompt score ``least``.
+
+    ``found``: τ → prompt score, detection score.  None where none keeps it.
+    """
+    kept = {tau: detection for tau, (prompt, detection) in found.items() if prompt >= least}
+    return min(kept, key=kept.__getitem__, default=None)
 
 
 def _score_of_prompt(request: Request, scorer: PromptScorer) -> float:

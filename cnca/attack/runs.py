@@ -32,6 +32,11 @@ class Row:
     summary: dict[str, Any]
     naturalness: Naturalness
 
+    @property
+    def detection_score(self) -> float:
+        """Mean on the held-out views."""
+        return self.summary["score_after"]
+
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, for JSON."""
         return {"label": self.label, "folder": self.folder.name} | self.numbers()
@@ -39,7 +44,7 @@ class Row:
     def numbers(self) -> dict[str, float]:
         """Detection score and AP@0.5 on held-out views, and the naturalness."""
         attack = {
-            "score": self.summary["score_after"],
+            "score": self.detection_score,
             "score_prompt": self.summary["score_prompt"],
             "AP@0.5": self.summary["AP@0.5"]["after"],
         }
@@ -71,7 +76,12 @@ def under_tau(request: Request, tau: float) -> Request:
 
 def with_tau(request: Request, tau: float) -> Request:
     """The same attack under another bound, in a folder of its own below ``request.out``."""
-    return replace(under_tau(request, tau), out=request.out / f"tau_{tau:g}")
+    return replace(under_tau(request, tau), out=request.out / tau_folder(tau))
+
+
+def tau_folder(tau: float) -> str:
+    """The name of that folder."""
+    return f"tau_{tau:g}"
 
 
 def with_prompt(request: Request, prompt: str) -> Request:
@@ -93,7 +103,7 @@ def write_tables(out: Path, name: str, heading: str, rows: Sequence[Row]) -> Non
         texture = read_texture_srgb(one.folder / "texture.png")
         small = cv2.resize(texture, (TILE, TILE), interpolation=cv2.INTER_AREA)
         textures.append((small * 255).round().astype("uint8"))
-        captions.append(f"{one.label}: {one.summary['score_after']:.2f}")
+        captions.append(f"{one.label}: {one.detection_score:.2f}")
     write_png(out / f"{name}.png", side_by_side(textures, captions, columns=min(6, len(rows))))
 
 

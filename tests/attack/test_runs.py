@@ -105,17 +105,23 @@ def test_auto_tau_says_when_too_much_is_asked(started, request_, monkeypatch):
 
 
 @given(st.integers(0, 12), st.integers(0, 12))
-def test_bisection_finds_the_last_that_keeps(length, kept):
-    grid = tuple(range(length))
+def test_bisection_asks_both_sides_of_the_turn(length, kept):
     asked = []
 
     def keeps(value):
         asked.append(value)
         return value < kept
 
-    expected = min(kept, length) - 1
-    assert auto_tau.largest(grid, keeps) == (expected if expected >= 0 else None)
+    auto_tau.bisect(tuple(range(length)), keeps)
+    assert {min(kept, length) - 1, min(kept, length)} - set(asked) <= {-1, length}
     assert len(asked) == len(set(asked)) <= math.ceil(math.log2(length + 1))
+
+
+def test_the_strongest_that_keeps_is_not_always_the_largest_bound():
+    found = {0.1: (0.9, 0.8), 0.5: (0.7, 0.5), 1.0: (0.6, 0.55), 2.0: (0.3, 0.1)}
+    assert auto_tau.strongest(found, 0.6) == 0.5
+    assert auto_tau.strongest(found, 0.8) == 0.1
+    assert auto_tau.strongest(found, 0.95) is None
 
 
 @pytest.mark.parametrize("text", ["-0.5", "nan", "much", "", "0.1,,1", "1,1"])
