@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -17,6 +19,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+Item = TypeVar("Item")
+
 
 class RateColumn(ProgressColumn):
     """Seconds per step, or steps per second where they are quick."""
@@ -30,8 +34,8 @@ class RateColumn(ProgressColumn):
         return Text(text, style="dim")
 
 
-def bar(console: Console) -> Progress:
-    """A progress bar on ``console``; none with ``cnca --quiet`` or CNCA_QUIET=1."""
+def bar(console: Console | None = None) -> Progress:
+    """A progress bar on ``console``, or stderr; none with ``cnca --quiet`` or CNCA_QUIET=1."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),
@@ -39,6 +43,12 @@ def bar(console: Console) -> Progress:
         RateColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        console=console,
+        console=console or Console(stderr=True),
         disable=os.environ.get("CNCA_QUIET", "0") not in ("", "0"),
     )
+
+
+def track(items: Sequence[Item], label: str) -> Iterator[Item]:
+    """The items one by one, with a bar."""
+    with bar() as shown:
+        yield from shown.track(items, description=label)

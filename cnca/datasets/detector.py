@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cnca import controls
 from cnca.color import linear_to_srgb
@@ -23,6 +22,7 @@ from cnca.files import replacing
 from cnca.gen import textures
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.paint import Paint
+from cnca.progress import bar
 from cnca.scene import props
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.mesh import Part, Vehicle
@@ -96,10 +96,7 @@ def render_detector_data(
         raise DetectorError(f"--pictures {pictures}: give at least one")
     out.mkdir(parents=True, exist_ok=True)
     scenes = -(-pictures // PICTURES_PER_SCENE)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-    )  # fmt: skip
-    with Progress(*columns) as progress:
+    with bar() as progress:
         task = progress.add_task("scenes for the detector", total=scenes)
         for index in range(scenes):
             part = out / f"scene{index:04d}.npz"

@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from rich.progress import Progress
 from torch.optim import AdamW
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torch.utils.data import DataLoader
@@ -23,6 +22,7 @@ from cnca.detect.subject import Subject
 from cnca.detect.yolo_loss import Targets
 from cnca.errors import DetectorError, NonFiniteError, RunError
 from cnca.files import replacing, write_text
+from cnca.progress import bar
 
 Tensors = list[torch.Tensor] | tuple[torch.Tensor, ...]
 
@@ -181,8 +181,8 @@ def run_epochs(
     pictures = TrainingPictures(data, training.subject.size, settings.seed)
     if len(pictures) < settings.batch:
         raise DetectorError(f"{data.folder}: {len(pictures)} pictures to train on, too few")
-    with Progress() as bar, torch.random.fork_rng(devices=[]):
-        task = bar.add_task("training", total=1.0)
+    with bar() as shown, torch.random.fork_rng(devices=[]):
+        task = shown.add_task("training, percent", total=100)
         while training.progress(0.0, training.seconds) < 1:
             started, before = time.monotonic(), training.seconds
             pictures.epoch = training.epoch
@@ -195,7 +195,7 @@ def run_epochs(
                 progress = training.progress(index / len(loader), training.seconds)
                 losses = training.step(images, targets, progress)
                 sums = {name: sums.get(name, 0.0) + value for name, value in losses.items()}
-                bar.update(task, completed=progress)
+                shown.update(task, completed=round(100 * progress))
                 if progress >= 1:
                     break
             training.epoch += 1

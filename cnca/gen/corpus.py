@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.progress import track
 
+from cnca.files import write_text
 from cnca.gen import patterns, textures
+from cnca.progress import track
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,4 @@ def _paint(pictures: Path, captions: Path, count: int, seed: int) -> None:
         canvas[i] = np.rint(255.0 * np.clip(texture.picture, 0.0, 1.0))
         words.append(texture.caption)
     canvas.flush()
-    unfinished = captions.with_suffix(".tmp")
-    unfinished.write_text(json.dumps(words))
-    unfinished.replace(captions)
+    write_text(captions, json.dumps(words))

@@ -13,13 +13,14 @@ import torch
 import torch.nn.functional as F
 from diffusers import AutoencoderKL, StableDiffusionPipeline
 from jaxtyping import Float
-from rich.progress import track
 from torch import Tensor
 
+from cnca.files import replacing
 from cnca.gen import architecture, corpus
 from cnca.gen.corpus import Corpus
 from cnca.gen.denoiser import Denoiser, text_features, train_denoiser
 from cnca.gen.training_loop import TrainingLoop
+from cnca.progress import track
 
 
 def train_generator(
@@ -106,8 +107,8 @@ def encode_corpus(
             images = _signed(torch.from_numpy(data.pictures[i : i + 8].copy()))
             chunks.append(vae.encode(images).latent_dist.mean.half())
         means = torch.cat(chunks)
-        torch.save(means, file.with_suffix(".tmp"))
-        file.with_suffix(".tmp").replace(file)
+        with replacing(file) as temporary:
+            torch.save(means, temporary)
     scale = 1.0 / means.float().std().item()
     vae.register_to_config(scaling_factor=scale)
     return means.float() * scale

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 import torch
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from cnca.errors import NonFiniteError, RunError
+from cnca.files import replacing
+from cnca.progress import bar
 
 Trained = TypeVar("Trained", bound=nn.Module)
 
@@ -52,8 +52,7 @@ class TrainingLoop:
         optimizer = torch.optim.AdamW(model.parameters(), lr=learning_rate, weight_decay=1e-4)
         state = {"model": model, "averaged": averaged, "optimizer": optimizer}
         first = self._restore(stage, state) if self.resume else 0
-        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-        with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
+        with bar() as progress:
             task = progress.add_task(stage, total=steps, completed=first)
             recent = 0.0
             for step in range(first, steps):
@@ -82,11 +81,9 @@ class TrainingLoop:
         return min(1.0, (step + 1) / self.warm_up) * (0.02 + 0.98 * cosine)
 
     def _save(self, stage: str, state: dict, step: int) -> None:
-        target = self.folder / f"{stage}.pt"
-        unfinished = target.with_suffix(".tmp")
         weights = {name: part.state_dict() for name, part in state.items()}
-        torch.save({"step": step, **weights}, unfinished)
-        unfinished.replace(target)
+        with replacing(self.folder / f"{stage}.pt") as temporary:
+            torch.save({"step": step, **weights}, temporary)
 
     def _restore(self, stage: str, state: dict) -> int:
         """Load the last checkpoint, if there is one, and return the number of steps done."""
