@@ -18,6 +18,7 @@ from rich.console import Console
 from torch import Tensor
 
 from cnca import build, controls
+from cnca.attack import parallel
 from cnca.attack.run import HELD_OUT_SEED
 from cnca.color import srgb_to_linear
 from cnca.datasets.carla import fit_frame
@@ -146,7 +147,6 @@ def train_efr(
             shown.update(task, advance=1, description=label)
 
         outcome = train(training, test, seed=seed, epochs=epochs, after_epoch=after_epoch)
-    outcome.network.save(out)
     report = _report(outcome) | {
         "scenes": [str(scene) for scene in scenes],
         "carla": str(carla) if carla else None,
@@ -156,7 +156,9 @@ def train_efr(
         "test_views": len(test),
         "versions": versions(),
     }
-    write_json(out.with_suffix(".json"), report)
+    if parallel.rank() == 0:
+        outcome.network.save(out)
+        write_json(out.with_suffix(".json"), report)
     return report
 
 
@@ -186,14 +188,15 @@ def _renders(
     studios = [Studio(scene, backend, samples) for scene in scenes]
     weathers = [draw_weathers(scene, WEATHERS, seed=seed) for scene in scenes]
     every = [draw_views(scene, views, seed=seed) for scene in scenes]
-    rng, shots = np.random.default_rng(seed), []
+    rng, shots, own = np.random.default_rng(seed), [], parallel.share(range(views))
     with bar(console) as shown:
         for k in shown.track(range(views), description="test views" if test else "views"):
-            which = k % len(scenes)
-            weather = weathers[which][k // len(scenes) % WEATHERS]
             paints = [None, *(_texture(rng, natural=test) for _ in range(TEXTURES - 1))]
-            shots.append(studios[which].shoot(every[which][k], weather, paints, seed=seed + k))
-    return shots
+            if k in own:
+                which = k % len(scenes)
+                weather = weathers[which][k // len(scenes) % WEATHERS]
+                shots.append(studios[which].shoot(every[which][k], weather, paints, seed=seed + k))
+    return parallel.gathered(shots)
 
 
 def _texture(rng: np.random.Generator, *, natural: bool) -> SrgbTexture:
@@ -215,9 +218,9 @@ def _frames(
     scene = load_scene(scene_file)
     studio, shots = Studio(scene, backend, samples), []
     with bar(console) as shown:
-        for source in shown.track(sources, description="frames"):
+        for source in shown.track(parallel.share(sources), description="frames"):
             frame = read_carla_frame(source)
             fit = fit_frame(studio.vehicle, frame, fov=90.0, name=source.stem)
             photograph = srgb_to_linear(torch.from_numpy(frame.image).permute(2, 0, 1))
             shots.append(studio.photograph(fit.view, scene.weather(), photograph))
-    return shots
+    return parallel.gathered(shots)

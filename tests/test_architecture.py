@@ -29,7 +29,7 @@ MAY_LOAD = {
     "cnca.scene": {"cnca.errors", "cnca.files"},
     "cnca.mi_bridge": LEAVES | PROTOCOLS | {"cnca.scene"},
     "cnca.gen": LEAVES | PROTOCOLS,
-    "cnca.efr": LEAVES | PROTOCOLS,
+    "cnca.efr": LEAVES | PROTOCOLS | {"cnca.attack.parallel"},
     "cnca.detect": LEAVES | PROTOCOLS,
     "cnca.cli": {"cnca.errors"},
 }

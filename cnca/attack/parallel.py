@@ -1,7 +1,7 @@
-"""One attack in several processes that ``torchrun`` started; alone, nothing here does anything.
+"""One job in several processes that ``torchrun`` started; alone, nothing here does anything.
 
-Each process looks at its share of a step's views; the gradients of F_adv are summed, and all take
-the same step.  Only the first writes.
+In an attack each process looks at its share of a step's views; the gradients of F_adv are summed,
+and all take the same step.  Other jobs divide their pictures.  Only the first writes results.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LAUNCHED = "TORCHELASTIC_RUN_ID"
 PATIENCE = timedelta(days=1)
 """For the others, while one judges; a process that dies is noticed by torchrun, at once."""
 
-Item = TypeVar("Item")
+Items = TypeVar("Items", Sequence, Tensor)
 Result = TypeVar("Result")
 
 
@@ -57,9 +57,18 @@ def count() -> int:
     return dist.get_world_size() if dist.is_initialized() else 1
 
 
-def share(items: Sequence[Item]) -> Sequence[Item]:
+def share(items: Items) -> Items:
     """This process's items; alone, all of them."""
     return items[rank() :: count()]
+
+
+def gathered(own: Sequence[Result]) -> list[Result]:
+    """What all processes made of their :func:`share` of some items, in the order of these."""
+    if count() == 1:
+        return list(own)
+    parts: list[Sequence[Result]] = [()] * count()
+    dist.all_gather_object(parts, own)
+    return [part[k] for k in range(len(parts[0])) for part in parts if k < len(part)]
 
 
 def add_up(*values: Tensor | None) -> None:

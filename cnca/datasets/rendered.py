@@ -19,6 +19,7 @@ from rich.console import Console
 from torch import Tensor
 
 from cnca import build
+from cnca.attack import parallel
 from cnca.color import linear_to_srgb
 from cnca.datasets.layout import DataSet, Mask
 from cnca.errors import RunError
@@ -62,8 +63,8 @@ def render_dataset(
         samples: rays per pixel; by default the scene's.
 
     Returns:
-        How many pictures were rendered, how many there are, and the last rate in pictures a second
-        (None where less than two were rendered).
+        How many pictures were rendered, how many there are, and this process's last rate in
+        pictures a second (None where less than two were rendered).
 
     Raises:
         RunError: the folder holds another data set, or a number is out of range.
@@ -75,16 +76,19 @@ def render_dataset(
         raise RunError(f"--images {count}: the scene's grid has 1 to {len(grid)}")
     samples = samples or scene.image.samples
     data = DataSet(out)
-    _claim(out, {"scene": scene.model_dump(mode="json"), "samples": samples}, scene_file)
-    own = [k for k in range(count) if k // SHARING % parts == part - 1]
+    request = {"scene": scene.model_dump(mode="json"), "samples": samples}
+    parallel.by_first(lambda: _claim(out, request, scene_file))
+    part, parts = part - 1 + parts * parallel.rank(), parts * parallel.count()
+    own = [k for k in range(count) if k // SHARING % parts == part]
     missing = [k for k in own if not data.has(k)]
     stage = _Stage(scene, samples)
     with bar(console) as shown:
         for index in shown.track(missing, description="pictures"):
             data.add(index, *stage.shoot(grid[index], seed=index))
         per_second = shown.tasks[0].speed
-    data.finish(tar=tar)
-    return {"rendered": len(missing), "done": len(data.indices()), "per_second": per_second}
+    rendered = sum(parallel.gathered([len(missing)]))
+    parallel.by_first(lambda: data.finish(tar=tar))
+    return {"rendered": rendered, "done": len(data.indices()), "per_second": per_second}
 
 
 class _Stage:

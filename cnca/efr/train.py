@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from cnca.attack import parallel
 from cnca.color import linear_to_srgb
 from cnca.efr.unet import EnvironmentFeatureRenderer, weighted_bce
 from cnca.errors import NonFiniteError
@@ -65,6 +66,8 @@ def train(
 ) -> Outcome:
     """Train on all shots, one shot a step, and keep the epoch with the least test error.
 
+    Under torchrun the processes divide each shot's pictures and take the same steps.
+
     ``after_epoch`` is given the mean loss and the test error.
     Raises NonFiniteError where a corrected picture is not finite.
     """
@@ -83,12 +86,14 @@ def train(
     for epoch in range(epochs):
         losses = []
         for k in torch.randperm(len(shots), generator=chance).tolist():
-            corrected = _corrected(network, shots[k])
+            own, part = _share(shots[k])
+            corrected = _corrected(network, own)
             if not torch.isfinite(corrected).all():
                 raise NonFiniteError(f"EFR, epoch {epoch}, shot {k}: a picture is not finite")
-            loss = _loss(corrected, shots[k])
+            loss = part * _loss(corrected, own)
             optimizer.zero_grad()
             loss.backward()
+            parallel.add_up(*(p.grad for p in network.parameters()), loss)
             optimizer.step()
             rate.step()
             losses.append(loss.item())
@@ -106,10 +111,18 @@ def absolute_errors(
 ) -> Float[Tensor, " pictures"]:
     """Mean absolute error of display values over the vehicle's pixels, of each picture."""
     errors = []
-    for shot in shots:
+    for shot in parallel.share(shots):
         difference = linear_to_srgb(_corrected(network, shot)) - linear_to_srgb(shot.truths)
         errors.append((difference.abs() * shot.mask).mean(dim=(1, 2, 3)) / shot.mask.mean())
-    return torch.cat(errors)
+    return torch.cat(parallel.gathered(errors))
+
+
+def _share(shot: Shot) -> tuple[Shot, float]:
+    """This process's pictures and their part of all; where there are too few, all for each."""
+    if len(shot.renders) < parallel.count():
+        return shot, 1 / parallel.count()
+    renders, truths = parallel.share(shot.renders), parallel.share(shot.truths)
+    return Shot(shot.plain, renders, truths, shot.mask), len(renders) / len(shot.renders)
 
 
 def _corrected(network: EnvironmentFeatureRenderer, shot: Shot) -> LinearImages:

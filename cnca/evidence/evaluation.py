@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 
 from cnca import build
+from cnca.attack import parallel
 from cnca.detect import detector_files
 from cnca.evidence.candidates import Candidate, named, parse_candidates
 from cnca.evidence.judge import judge
@@ -38,14 +39,18 @@ def evaluate_scenes(request: Request, console: Console) -> dict[str, Any]:
     candidates = parse_candidates(request.textures)
     eyes = build_eyes(request.detectors)
     stages = build_stages(request, candidates)
-    _write_manifest(request, candidates)
+    parallel.by_first(lambda: _write_manifest(request, candidates))
     with bar(console) as shown:
         total = len(stages[0].rows) * sum(len(stage.shots.weathers) for stage in stages)
-        task = shown.add_task("weathers", total=total)
+        task = shown.add_task("weathers", total=len(parallel.share(range(total))))
         seen = see(stages, eyes, lambda: shown.advance(task))
-    results = judge(stages, eyes, seen, [each.name for each in candidates], request.seed)
-    write_evidence(request.out, results, stages, eyes, seen)
-    return results
+
+    def conclude() -> dict[str, Any]:
+        results = judge(stages, eyes, seen, [each.name for each in candidates], request.seed)
+        write_evidence(request.out, results, stages, eyes, seen)
+        return results
+
+    return parallel.by_first(conclude)
 
 
 def write_evidence(

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from rich.console import Console
 
+from cnca.attack import parallel
 from cnca.boxes import area, iou_matrix
 from cnca.detect import detector_files
 from cnca.errors import RunError
@@ -66,23 +67,35 @@ def evaluate_photos(request: PhotoRequest, console: Console) -> dict[str, Any]:
     """
     photos = read_labels(request.photos, request.labels)
     eyes = build_eyes(request.detectors)
-    _write_manifest(request, photos)
-    seen: dict[str, list[Detections]] = {eye.name: [] for eye in eyes}
+    parallel.by_first(lambda: _write_manifest(request, photos))
+    own: list[dict[str, list[Detections]]] = []
     with bar(console) as shown:
-        for number, photo in enumerate(shown.track(photos, description="photographs")):
-            image = read_photo(photo)
+        numbers = parallel.share(range(len(photos)))
+        for number in shown.track(numbers, description="photographs"):
+            image, found = read_photo(photos[number]), {}
             for eye in eyes:
                 path = request.out / "detections" / eye.folder / f"photo{number:05d}.npz"
 
                 def reported(eye: Eye = eye, image: SrgbImages = image) -> list[Detections]:
                     return look(eye.detector, image)
 
-                seen[eye.name] += kept_detections(path, digest(image, eye.key), reported)
-    by_eye = {eye.name: Seen(seen[eye.name], eye.detector.class_names) for eye in eyes}
-    results = judge_photos(photos, by_eye, request.seed)
+                found[eye.name] = kept_detections(path, digest(image, eye.key), reported)
+            own.append(found)
+    every = parallel.gathered(own)
+    seen = {
+        eye.name: Seen([d for found in every for d in found[eye.name]], eye.detector.class_names)
+        for eye in eyes
+    }
+    return parallel.by_first(lambda: _conclude(request, photos, eyes, seen))
+
+
+def _conclude(
+    request: PhotoRequest, photos: Sequence[Photo], eyes: Sequence[Eye], seen: Mapping[str, Seen]
+) -> dict[str, Any]:
+    results = judge_photos(photos, seen, request.seed)
     sheets = [f"photos_{eye.folder}.png" for eye in eyes]
     for eye, name in zip(eyes, sheets, strict=True):
-        write_png(request.out / name, _contact_sheet(photos, by_eye[eye.name]))
+        write_png(request.out / name, _contact_sheet(photos, seen[eye.name]))
     write_json(request.out / "results.json", results)
     _write_table2(request, results, sheets)
     return results

@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 
+from cnca.attack import parallel
 from cnca.evaluate import Shots, look, photograph
 from cnca.evidence.candidates import Coat
 from cnca.evidence.gallery import digest, kept_detections, kept_pictures, recall
@@ -123,18 +124,27 @@ def see(
 ) -> dict[str, dict[str, Seen]]:
     """Row → detector → what it saw over the views of all stages, which have the same rows.
 
-    ``advance`` is called after each row and weather.
+    ``advance`` is called after each row and weather that this process looks at.
     """
-    seen: dict[str, dict[str, Seen]] = {}
-    for row in stages[0].rows:
-        found: dict[str, list[Detections]] = {eye.name: [] for eye in eyes}
-        for stage in stages:
-            for weather in range(len(stage.shots.weathers)):
-                for name, detections in stage.look(row, weather, eyes).items():
-                    found[name] += detections
-                advance()
-        seen[row] = {eye.name: Seen(found[eye.name], eye.detector.class_names) for eye in eyes}
-    return seen
+    looks = [
+        (row, stage, weather)
+        for row in stages[0].rows
+        for stage in stages
+        for weather in range(len(stage.shots.weathers))
+    ]
+    own = []
+    for row, stage, weather in parallel.share(looks):
+        own.append(stage.look(row, weather, eyes))
+        advance()
+    every: dict[str, dict[str, list[Detections]]] = {}
+    for (row, *_), found in zip(looks, parallel.gathered(own), strict=True):
+        for name, detections in found.items():
+            every.setdefault(row, {}).setdefault(name, []).extend(detections)
+    names = {eye.name: eye.detector.class_names for eye in eyes}
+    return {
+        row: {name: Seen(by_eye[name], classes) for name, classes in names.items()}
+        for row, by_eye in every.items()
+    }
 
 
 def scene_key(scene: Scene, vehicle: Vehicle, *, backend: str, samples: int | None) -> str:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from cnca.attack import parallel
+
 if TYPE_CHECKING:
     from cnca.reorder_uv import Source
 
@@ -24,13 +26,15 @@ _LAYOUT = {
 """Of the painted faces that can be seen from outside."""
 
 
+@parallel.joined()
 def dataset(scene: Path, out: Path, **options: Any) -> None:
     """Render a data set with progress, then say how far it has come."""
     from cnca.datasets.rendered import render_dataset
 
-    report = render_dataset(scene, out, console=Console(stderr=True), **options)
+    console = Console(stderr=True, quiet=parallel.rank() > 0)
+    report = render_dataset(scene, out, console=console, **options)
     speed = report["per_second"]
-    rate = f", {speed:.2f} a second" if speed else ""
+    rate = f", {parallel.count() * speed:.2f} a second" if speed else ""
     Console().print(
         f"{out}: {report['rendered']} pictures rendered{rate}, {report['done']} there in all",
         soft_wrap=True,
@@ -71,11 +75,13 @@ def import_carla(folder: Path, out: Path, scene: Path, *, fov: float) -> None:
     Console().print(out, soft_wrap=True)
 
 
+@parallel.joined()
 def train_efr(out: Path, **options: Any) -> None:
     """Train with progress, then say what it came to."""
     from cnca.train_efr import train_efr as train  # loads the renderer
 
-    report = train(out, console=Console(stderr=True), **options)
+    console = Console(stderr=True, quiet=parallel.rank() > 0)
+    report = train(out, console=console, **options)
     print(
         f"{out}: mean absolute error {report['error_before']:.4f} before, "
         f"{report['error_after']:.4f} after, on {report['test_views']} views not trained on"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from cnca.attack import parallel
 from cnca.errors import RunError
 from cnca.interrupts import resumable
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from cnca.evidence.parts import Request
 
 
+@parallel.joined()
 def evidence(request: Request) -> None:
     """Evaluate textures with progress, then say what each candidate reaches."""
     from cnca.evidence.evaluation import evaluate_scenes
@@ -41,6 +43,7 @@ def table1(request: Request, *, paper_figures: bool) -> None:
     shown.print(f"table: {path}; all else: {request.out / 'results.md'}", soft_wrap=True)
 
 
+@parallel.joined()
 def photos(
     folder: Path | None, labels: Path | None, out: Path, detectors: tuple[str, ...], **options: Any
 ) -> None:
@@ -64,7 +67,7 @@ def photos(
 
 def _gather(work: Callable[[Any, Console], dict[str, Any]], request: Any) -> dict[str, Any]:
     """Results of an evaluation; after an interruption the same command goes on."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, quiet=parallel.rank() > 0)
     with resumable(console, f"the same command goes on in {request.out}"):
         return work(request, console)
 
