@@ -14,6 +14,13 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM has come."""
 
 
+def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
+    """The interrupt behind an error: Dr.Jit makes a RuntimeError of one that hits its callbacks."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return error
+
+
 @contextmanager
 def resumable(console: Console, advice: str) -> Iterator[None]:
     """After Ctrl-C print ``advice`` and exit with code 130, after SIGTERM with 143."""
@@ -24,7 +31,10 @@ def resumable(console: Console, advice: str) -> Iterator[None]:
     previous = signal.signal(signal.SIGTERM, terminate)
     try:
         yield
-    except KeyboardInterrupt as interrupt:
+    except BaseException as error:
+        interrupt = _interrupt(error)
+        if interrupt is None:
+            raise
         console.print(f"interrupted; {advice}", soft_wrap=True)
         raise SystemExit(143 if isinstance(interrupt, Terminated) else 130) from None
     finally:

@@ -27,6 +27,20 @@ def test_signals_end_with_their_code_and_the_advice(capsys, number, code):
     assert signal.getsignal(signal.SIGTERM) == before
 
 
+def test_an_interrupt_behind_another_error_is_one(capsys):
+    """Which the renderer makes of a Ctrl-C that comes while it works."""
+    from cnca.mi_bridge.variant import dr, mi
+
+    class Interrupted(dr.CustomOp):
+        def eval(self, value):
+            raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as ended, resumable(Console(stderr=True), "do it again"):
+        dr.custom(Interrupted, mi.Float(1))
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "interrupted; do it again\n"
+
+
 def test_other_errors_pass():
     with pytest.raises(ZeroDivisionError), resumable(Console(quiet=True), "do it again"):
         raise ZeroDivisionError
