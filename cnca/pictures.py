@@ -104,4 +104,5 @@ def _rectangle(picture: SrgbPicture, box: Sequence[float], colour: Colour) -> No
 
 
 def _write(picture: SrgbPicture, text: str, at: tuple[int, int], colour: Colour) -> None:
-    cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
+    for shade, width in (((0, 0, 0), 3), (colour, 1)):  # an outline, legible on any ground
+        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, shade, width, cv2.LINE_AA)

@@ -63,7 +63,8 @@ def _verdict(summary: Mapping[str, Any]) -> str:
     return (
         f"Scene {summary['scene']}. Scores are means over {summary['held_out_views']} held-out "
         "views: the highest confidence among detections of the class that overlap the vehicle's "
-        "box by at least one half. In brackets: 95 %, percentile bootstrap over these views.\n\n"
+        "box by at least one half. In brackets: 95 %, percentile bootstrap over these views. "
+        "In the pictures the vehicle's box is green, what the detector finds is red.\n\n"
         + "\n".join(tables)
         + "\nA loud texture alone can fool a small detector; only what goes beyond the controls is "
         "the attack.\n"
