@@ -3,6 +3,7 @@
 import sys
 
 import pytest
+import torch
 
 from cnca.attack.tensorboard import logging_to, need_tensorboard
 from cnca.errors import RunError
@@ -25,5 +26,6 @@ def test_scalars_come_back_and_what_a_resumed_run_repeats_is_dropped(tmp_path):
 def test_a_missing_package_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
+    monkeypatch.delattr(torch.utils, "tensorboard", raising=False)
     with pytest.raises(RunError, match="pip install tensorboard"):
         need_tensorboard()
