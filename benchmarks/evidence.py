@@ -52,7 +52,7 @@ def main() -> None:
     parser.add_argument("--run", action="append", required=True, metavar="NAME=FOLDER")
     parser.add_argument("--detector", action="append", required=True)
     parser.add_argument("--views", type=int, default=48, help="Of each scene.")
-    parser.add_argument("--out", type=Path, default=Path("out/evidence"))
+    parser.add_argument("--out", type=Path, default=Path("out/tables"))
     parser.add_argument("--document", type=Path, default=Path("docs/evidence.md"))
     options = parser.parse_args()
     for name, folder in map(named, options.run):
