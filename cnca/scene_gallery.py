@@ -17,7 +17,7 @@ from cnca.progress import bar
 from cnca.scene import shipped
 from cnca.scene.schema import Scene, load_scene
 
-SHOWN, COLUMNS, SAMPLES = 320, 3, 24
+SHOWN, COLUMNS, SAMPLES = 320, 3, 64
 """Pixels of a picture's longer side, pictures per row, rays per pixel."""
 
 

@@ -90,7 +90,11 @@ def gallery(
     table = Table("scene", "vehicle", "weather", "cameras")
     for entry in listed:
         scene = entry.scene
-        cells = (scene.vehicle.mesh, entry.weather(), str(len(scene.cameras))) if scene else ()
+        cells = (
+            (Path(scene.vehicle.mesh).name, entry.weather(), str(len(scene.cameras)))
+            if scene
+            else ()
+        )
         table.add_row(entry.name, *(cells or (entry.problem, "", "")))
     Console().print(table)
     if out is not None:
