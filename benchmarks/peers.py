@@ -26,7 +26,7 @@ from pathlib import Path
 
 import torch
 from plain_mitsuba import BatchAD, Script
-from stopwatch import Goal, in_turn, markdown, parser, report
+from stopwatch import Goal, in_turn, named_rows, parser, report
 from torch import Tensor
 
 from cnca import build
@@ -169,8 +169,9 @@ def main() -> None:
         ),
     ]
     settings = {"spp": options.spp, "clear": options.clear, "fog": options.fog}
-    print(markdown("clear sun", clear), markdown("fog, 60 m", fog), sep="\n\n")
-    report(options.out, "peers", settings | {"clear sun": clear, "fog, 60 m": fog}, goals)
+    measured = settings | {"clear sun": clear, "fog, 60 m": fog}
+    tables = named_rows("clear sun", clear), named_rows("fog, 60 m", fog)
+    report(options, "peers", measured, goals, tables)
 
 
 if __name__ == "__main__":

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
+import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from tables import markdown, put
 
 from cnca.manifest import versions, write_json
 
@@ -65,8 +68,14 @@ def in_turn(
     return costs, found
 
 
-def report(out: Path, name: str, measured: Mapping[str, Any], goals: list[Goal]) -> None:
-    """Print the results as JSON and keep them in ``out/NAME.json``."""
+def report(
+    options: argparse.Namespace,
+    name: str,
+    measured: Mapping[str, Any],
+    goals: Sequence[Goal],
+    tables: Sequence[Sequence[str]],
+) -> None:
+    """Print the results as JSON, keep them in ``OUT/NAME.json``, and show them in the document."""
     content = {
         "benchmark": name,
         "versions": versions() | {"cores": os.cpu_count()},
@@ -74,22 +83,40 @@ def report(out: Path, name: str, measured: Mapping[str, Any], goals: list[Goal])
         "goals": [asdict(goal) | {"met": goal.met} for goal in goals],
     }
     print(json.dumps(content, indent=2))
-    write_json(out / f"{name}.json", content)
+    write_json(options.out / f"{name}.json", content)
+    if options.document:
+        command = shlex.join([f"benchmarks/{name}.py", *sys.argv[1:]])
+        lines = ["```sh", f"python {command}", "```"]
+        for table in filter(None, (*tables, goals_table(goals))):
+            lines += ["", *table]
+        put(options.document, name, lines)
 
 
-def markdown(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> str:
-    """Rows with the same columns as a table."""
+def goals_table(goals: Sequence[Goal]) -> list[str]:
+    """What was aimed at and what was measured, as the lines of a table."""
+    rows = {
+        goal.what: {
+            "measured": f"{goal.measured:g}",
+            "bound": f"{'≥' if goal.at_least else '≤'} {goal.bound:g}",
+            "met": "yes" if goal.met else "**no**",
+        }
+        for goal in goals
+    }
+    return named_rows("goal", rows) if rows else []
+
+
+def named_rows(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Rows with the same columns as the lines of a table."""
     columns = list(next(iter(rows.values())))
-    lines = [f"| {corner} | " + " | ".join(columns) + " |", "|---" * (1 + len(columns)) + "|"]
-    for name, row in rows.items():
-        lines.append(f"| {name} | " + " | ".join(f"{row[column]}" for column in columns) + " |")
-    return "\n".join(lines)
+    cells = [[name, *(f"{row[column]}" for column in columns)] for name, row in rows.items()]
+    return markdown([corner, *columns], cells)
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:
-    """A command line with the folder of the results."""
+    """A command line with the folder of the results, and the document that shows them."""
     arguments = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     arguments.add_argument("--out", type=Path, default=Path("out/bench"))
+    arguments.add_argument("--document", type=Path, help="put the tables there: docs/speed.md")
     return arguments
