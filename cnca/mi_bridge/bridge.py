@@ -60,27 +60,34 @@ class Shot:
     def primal(self, seed: int) -> mi.Color3f:
         """Radiance of every lane."""
         return trace(
-            dr.ADMode.Primal,
             self.geometry.scene,
             self.surroundings,
             *self.start(seed),
             bounces=self.bounces,
-        )
+        )[0]
 
-    def adjoint(self, seed: int, image_gradient: mi.TensorXf) -> None:
-        """Accumulate the bound texture's gradient for the given gradient of the exposed image."""
-        radiance = self.primal(seed)
-        pixel = dr.arange(mi.UInt32, self.cameras.lanes(self.samples)) // self.samples
-        δL = dr.gather(mi.Color3f, image_gradient.array, pixel) * (self.exposure / self.samples)
-        trace(
-            dr.ADMode.Backward,
-            self.geometry.scene,
-            self.surroundings,
-            *self.start(seed),
-            bounces=self.bounces,
-            δL=δL,
-            state=radiance,
-        )
+    def adjoint(self, seed: int, albedo: mi.TensorXf, image_gradient: mi.TensorXf) -> mi.TensorXf:
+        """The bound texture's gradient for the given gradient of the exposed image."""
+        unit = self.geometry.bind(albedo, differentiable=True)
+        dr.forward_from(unit, flags=dr.ADFlag.ClearEdges)
+        with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
+            L, reflections = trace(
+                self.geometry.scene,
+                self.surroundings,
+                *self.start(seed),
+                bounces=self.bounces,
+                differentiable=True,
+            )
+            pixel = dr.arange(mi.UInt32, self.cameras.lanes(self.samples)) // self.samples
+            δL = dr.gather(mi.Color3f, image_gradient.array, pixel)
+            δL *= self.exposure / self.samples
+        bound = self.geometry.bind(albedo, differentiable=True)
+        total = mi.Color3f(0)
+        for kept in reflections:
+            δρ = δL * kept.slope(L)
+            total += δρ * self.geometry.paint(kept.uv, dr.any(δρ != 0))
+        dr.backward_from(total)
+        return dr.grad(bound)
 
 
 class _Render(dr.CustomOp):
@@ -103,14 +110,13 @@ class _Render(dr.CustomOp):
         return mi.TensorXf(image, shape=(*first.cameras.film_shape, 3))
 
     def backward(self) -> None:
-        geometry = self.shots[0].geometry
-        bound = geometry.bind(self.albedo, differentiable=True)
-        image_gradient = self.grad_out()  # reads zeros once gradients are suspended
+        geometry, gradient = self.shots[0].geometry, mi.TensorXf(0)
+        image_gradient = self.grad_out()
         for shot, share in self._parts():
-            with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
-                shot.adjoint(shot.seed + BACKWARD_SEED, image_gradient * share)
-            dr.eval(dr.grad(bound))
-        self.set_grad_in("albedo", dr.grad(bound) * (1 - ALBEDO_FLOOR))
+            seed = shot.seed + BACKWARD_SEED
+            gradient += shot.adjoint(seed, self.albedo, image_gradient * share)
+            dr.eval(gradient)
+        self.set_grad_in("albedo", gradient * (1 - ALBEDO_FLOOR))
         geometry.bind(self.albedo)  # leave no derivatives behind
 
     def _parts(self) -> Iterator[tuple[Shot, float]]:

@@ -73,7 +73,7 @@ class Geometry:
         shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
         self.ground = mi.load_dict(ground)
         self.scene = mi.load_dict({"type": "scene", "ground": self.ground, **shapes})
-        self._texture = mi.traverse(texture)
+        self._bitmap, self._texture = texture, mi.traverse(texture)
         self._vehicle_shapes = meshes[: len(vehicle.parts)]
         self._paint = bsdfs["paint"]
 
@@ -103,6 +103,12 @@ class Geometry:
         self._texture["data"] = bound
         self._texture.update()
         return bound
+
+    def paint(self, uv: mi.Point2f, active: mi.Bool) -> mi.Color3f:
+        """What is bound, at texture coordinates of a surface."""
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.uv = uv
+        return self._bitmap.eval(si, active)
 
     def is_vehicle(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
         """Which intersections lie on the vehicle."""

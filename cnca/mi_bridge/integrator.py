@@ -1,8 +1,10 @@
 """A path tracer for one sun, a sky and a fog layer whose light is known beforehand.
 
-Radiative backpropagation by path replay (Vicini, Speierer & Jakob 2021): the adjoint pass walks the
-same path again with the same random numbers, so its memory does not grow with the path's length.
-Textures are the only differentiable quantity; geometry, light and fog carry no derivatives.
+The base colour of painted surfaces is the only differentiable quantity; geometry, light and fog
+carry no derivatives.  So radiative backpropagation (Nimier-David et al. 2020) need not walk a path
+again, as path replay does (Vicini, Speierer & Jakob 2021): the kernel keeps eleven numbers of each
+reflection, which say how the path's light depends on the texel there once its end is known.  Memory
+outside the kernel does not grow with the path's length.
 
 Two rays leave each surface: one to the sun, whose direction is certain, and one sampled from the
 BSDF, which finds the sky, the fog's light and other surfaces.  No emitter is sampled at random.
@@ -188,29 +190,55 @@ class Surroundings:
     """Whether some of the geometry is thin glass that paths and sunlight pass."""
 
 
+SLOPES = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
+"""Without a sun none of its light depends on the texture."""
+
+
+@dataclass
+class Reflection:
+    """What a path leaves behind at a surface, for the gradient of its light in the albedo there.
+
+    A colour of light depends on the same colour of the albedo alone, and no density on any.
+    """
+
+    uv: mi.Point2f
+    gathered: mi.Color3f
+    """The path's light up to here, with what the surface reflects of the sun."""
+    sun_slope: mi.Color3f
+    """Derivative of what the surface reflects of the sun."""
+    onward_slope: mi.Color3f
+    """Derivative of the reflection's weight, over that weight."""
+
+    def slope(self, L: mi.Color3f) -> mi.Color3f:
+        """Derivative of the whole path's light ``L``."""
+        return self.sun_slope + (L - self.gathered) * self.onward_slope
+
+
+def _keep(
+    here: Reflection, reflections: list[Reflection], depth: mi.UInt32, active: mi.Bool
+) -> list[Reflection]:
+    """All reflections, the present one put in its place: Dr.Jit 1.5 errs in a ``dr.Local``."""
+    places = enumerate(reflections)
+    return [dr.select(active & (depth == place), here, kept) for place, kept in places]
+
+
 @dr.syntax
 def trace(
-    mode: dr.ADMode,
     scene: mi.Scene,
     surroundings: Surroundings,
     sampler: mi.Sampler,
     ray: mi.Ray3f,
     first_reflection: list[mi.Float],
     bounces: int,
-    δL: mi.Color3f | None = None,
-    state: mi.Color3f | None = None,
-) -> mi.Color3f:
-    """Follow one path per ray and return its radiance (linear RGB).
+    differentiable: bool = False,
+) -> tuple[mi.Color3f, list[Reflection]]:
+    """Follow one path per ray and return its radiance (linear RGB) and its reflections.
 
     Args:
         first_reflection: three random numbers per ray that choose its first reflection.
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
-        δL: adjoint radiance per ray (``dr.ADMode.Backward`` only).
-        state: what the primal pass returned for the same sampler seed (``Backward`` only).
-
-    In backward mode the gradients of the textures are accumulated as a side effect.
+        differentiable: whether to keep the reflections; the texture has 1 as its derivative then.
     """
-    primal = mode == dr.ADMode.Primal
     sky, fog = surroundings.sky, surroundings.fog
     context = mi.BSDFContext()
     longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
@@ -218,12 +246,12 @@ def trace(
     ray = mi.Ray3f(dr.detach(ray))  # current segment
     depth = mi.UInt32(0)  # reflections so far
     panes = mi.UInt32(0)  # panes passed so far
-    L = mi.Color3f(0) if primal else mi.Color3f(state)  # gathered; backward: still to come
-    δL = mi.Color3f(0) if primal else mi.Color3f(δL)  # adjoint radiance
+    L = mi.Color3f(0)  # gathered
     β = mi.Color3f(1)  # throughput
+    reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
     active = mi.Bool(True)  # lanes that still walk
 
-    while dr.hint(active, max_iterations=longest, label=f"path ({mode.name})"):
+    while dr.hint(active, max_iterations=longest, label="path"):
         si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=depth == 0, active=active)
         hit = active & si.is_valid()
         escapes = active & ~si.is_valid()
@@ -251,28 +279,27 @@ def trace(
                 sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
             if dr.hint(fog is not None, mode="scalar"):
                 E_sun *= fog.sun_transmittance(si.p.z)  # type: ignore[union-attr]
-            with dr.resume_grad(when=not primal):
+            with dr.resume_grad(when=differentiable):
                 f_sun = bsdf.eval(context, si, si.to_local(to_sun), sunlit)
                 Lr_sun = dr.select(sunlit, β * f_sun * E_sun, 0)
 
-        L = L + Le + Lr_sun if primal else L - Le - dr.detach(Lr_sun)
+        L += Le + dr.detach(Lr_sun)
 
         # ---------------- next segment ----------------
         lobe, across = sampler.next_1d(active_next), sampler.next_2d(active_next)
         first = depth + panes == 0
         lobe = dr.select(first, first_reflection[0], lobe)
         across = dr.select(first, mi.Point2f(*first_reflection[1:]), across)
-        bs, weight = bsdf.sample(context, si, lobe, across, active_next)
+        with dr.resume_grad(when=differentiable):
+            bs, weight = bsdf.sample(context, si, lobe, across, active_next)
+            if dr.hint(differentiable, mode="scalar"):
+                sun_slope, slope = dr.forward_to(Lr_sun, weight, flags=SLOPES)
+                bs, weight = dr.detach(bs), dr.detach(weight)
+                onward_slope = dr.select(weight > 0, slope / weight, 0)
+                here = Reflection(si.uv, L, sun_slope, onward_slope)
+                reflections = _keep(here, reflections, depth, active_next)
         active_next &= dr.max(weight) > 0
         ray_next = si.spawn_ray(si.to_world(bs.wo))
-
-        if dr.hint(not primal, mode="scalar"):
-            with dr.resume_grad():
-                # L is what the rest of the path brings, BSDF included: divide by the BSDF's value
-                # and multiply by the same value with derivatives.
-                f = bsdf.eval(context, si, bs.wo, active_next)
-                Lr_next = dr.select(active_next, L * dr.relative_grad(f), 0)
-                dr.backward_from(δL * (Lr_sun + Lr_next))
 
         β *= weight
         ray = ray_next
@@ -285,4 +312,4 @@ def trace(
             depth += 1
         active = active_next
 
-    return L
+    return L, reflections

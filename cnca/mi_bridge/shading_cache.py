@@ -91,8 +91,7 @@ def split(shot: Shot, texture: mi.TensorXf) -> _Split:
         reflected, _ = bsdf.sample(context, si, lobe, across, hit)
         ray_next = si.spawn_ray(si.to_world(reflected.wo))
         dr.eval(sampler, si, T, airlight, to_sun, sunlight, reflected, ray_next)
-        incoming = trace(
-            dr.ADMode.Primal,
+        incoming, _ = trace(
             geometry.scene,
             shot.surroundings,
             sampler,

@@ -11,6 +11,8 @@ import torch
 from cnca.errors import TextureError
 from cnca.mi_bridge import memory
 from cnca.mi_bridge import renderer as renderer_module
+from cnca.mi_bridge.bridge import BACKWARD_SEED
+from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import dr
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit
@@ -121,6 +123,17 @@ def test_gradient_of_a_patch_meets_central_differences(backend, weather):
     expected = change_by_differences(backend, texture - step, texture + step, weather, seeds)
     found = change_by_gradient(backend, texture, 2 * step, weather, seeds)
     assert found == pytest.approx(expected, rel=0.02)
+
+
+@WEATHERS
+def test_gradient_is_the_derivative_of_a_picture_of_the_same_long_paths(vehicle, weather):
+    """Of one that the backward pass's own random numbers draw; so no noise stands between them."""
+    renderer = MitsubaRenderer(vehicle, texture_size=8, samples=16, bounces=4)
+    texture, step = random_texture(), 0.02 * (random_texture(1) - 0.5)
+    pair, paths = (texture - step, texture + step), [SEED + BACKWARD_SEED]
+    expected = change_by_differences(renderer, *pair, weather, paths)
+    found = change_by_gradient(renderer, texture, 2 * step, weather, [SEED])
+    assert found == pytest.approx(expected, rel=1e-3)
 
 
 @WEATHERS

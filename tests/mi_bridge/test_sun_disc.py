@@ -24,7 +24,7 @@ def radiance(scene: mi.Scene, altitude: float, x: np.ndarray) -> np.ndarray:
     lanes = RAYS * len(x)
     first = [mi.Float(0.5) + dr.zeros(mi.Float, lanes) for _ in range(3)]
     sampler = sampler_for(lanes, 1)
-    found = trace(dr.ADMode.Primal, scene, around, sampler, ray, first, bounces=1)
+    found, _ = trace(scene, around, sampler, ray, first, bounces=1)
     return np.array(found.x).reshape(len(x), RAYS).mean(axis=1)
 
 

@@ -39,7 +39,7 @@ def picture(scene, around, views, *, samples=64, bounces=4, seed=0) -> np.ndarra
     cameras = Cameras(views)
     ray, first = cameras.rays(samples, dr.opaque(mi.UInt32, seed))
     sampler = sampler_for(cameras.lanes(samples), seed)
-    radiance = trace(dr.ADMode.Primal, scene, around, sampler, ray, first, bounces=bounces)
+    radiance, _ = trace(scene, around, sampler, ray, first, bounces=bounces)
     return pixels(radiance, cameras, samples)
 
 
