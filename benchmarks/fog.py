@@ -5,7 +5,8 @@
 For each visibility, sun altitude and light (sun and sky, sun alone) it prints one row, measured in
 four parts that --only chooses among (a row keeps the parts that OUT holds already):
 
-time: seconds of the first picture; forward and backward as ratios to clear air, taken in turn.
+time: processor seconds of the first picture; forward and backward as ratios of processor time to
+clear air, taken in turn.
 
 solver: processor seconds that the fog's solution takes, for each of its models.
 
@@ -42,7 +43,7 @@ from cnca.scene.effects import LADDERS
 from cnca.scene.schema import load_scene
 from cnca.scene.weather import Fog, Weather
 
-TIMED, TIMED_SIZE = 5, 256
+TIMED, TIMED_SIZE = 9, 256
 
 
 def main() -> None:
@@ -98,15 +99,15 @@ def timing(
         for foggy in (False, True):
             now = weather if foggy else replace(weather, fog=None)
             texture = block_pattern(renderer, 0).requires_grad_()
-            started = time.perf_counter()
+            started = time.process_time()
             loss = renderer.render(texture, views, now, seed=turn).square().mean()
-            middle = time.perf_counter()
+            middle = time.process_time()
             loss.backward()
             if turn == 0 and foggy:  # kernels, sky and fog are made on the first turn
                 first = middle - started
             if turn > 0:
                 seconds.setdefault((foggy, "forward"), []).append(middle - started)
-                seconds.setdefault((foggy, "backward"), []).append(time.perf_counter() - middle)
+                seconds.setdefault((foggy, "backward"), []).append(time.process_time() - middle)
     median = {key: float(np.median(values)) for key, values in seconds.items()}
     return {
         "first_seconds": round(first, 2),
