@@ -15,7 +15,6 @@ import shlex
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -33,7 +32,7 @@ from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import load_scene
 from cnca.types import SrgbTexture
 
-SIDE, VIEWS_HELD_OUT = 24, 48
+SIDE, VIEWS_HELD_OUT = 24, 24
 """Texels a side, and views that judge."""
 SAMPLES = 16
 """Rays per pixel in the loop."""
@@ -41,23 +40,9 @@ ENDLESS = 10**6
 """Steps: the time is up before."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """A line of the table."""
-
-    name: str
-    backend: str
-    efr: bool = False
-
-
 DEFAULT = "mitsuba"
 """The loop as ``cnca optimize`` has it, with which all others are compared."""
-ROWS = (
-    Row("raster", "raster"),
-    Row("cached", "cached"),
-    Row(DEFAULT, "mitsuba"),
-    Row("raster + EFR", "raster", efr=True),
-)
+BACKENDS = ("raster", "cached", DEFAULT)
 HEADINGS = ("backend", "steps", "score", "AP@0.5", f"score less that of {DEFAULT}")
 
 
@@ -68,18 +53,17 @@ class TimeUp(Exception):
 class Contest:
     """One scene and one detector for all backends."""
 
-    def __init__(self, scene: Path, detector: str, seconds: float, efr: Path):
-        self.scene, self.seconds, self.efr = load_scene(scene), seconds, efr
+    def __init__(self, scene: Path, detector: str, seconds: float):
+        self.scene, self.seconds = load_scene(scene), seconds
         self.targets = build.build_targets([detector])
         self.vehicle = build.build_vehicle(self.scene)
         self.paint = build.build_paint(self.scene, self.vehicle)
 
-    def search(self, row: Row) -> tuple[SrgbTexture, int]:
+    def search(self, backend: str) -> tuple[SrgbTexture, int]:
         """The texture that one backend finds, and in how many steps."""
         deadline, parts = time.process_time() + self.seconds, (self.scene, self.vehicle, self.paint)
-        loop = build.build_loop_renderer(*parts, backend=row.backend, samples=SAMPLES)
-        residual = build.build_residual(self.efr) if row.efr else None
-        attack = Attack(self.scene, loop, self.paint, Texels(SIDE), self.targets, residual)
+        loop = build.build_loop_renderer(*parts, backend=backend, samples=SAMPLES)
+        attack = Attack(self.scene, loop, self.paint, Texels(SIDE), self.targets)
         settings = Settings(
             "",
             tau=BOUND,
@@ -115,12 +99,12 @@ class Contest:
         }
 
 
-def found(contest: Contest, row: Row, out: Path) -> tuple[SrgbTexture, int]:
+def found(contest: Contest, backend: str, out: Path) -> tuple[SrgbTexture, int]:
     """What one backend found, now or before."""
-    kept = out / f"{row.name.replace(' ', '_')}.json"
+    kept = out / f"{backend}.json"
     picture = kept.with_suffix(".png")
     if not kept.exists():
-        texture, steps = contest.search(row)
+        texture, steps = contest.search(backend)
         write_texture_srgb(picture, texture.permute(1, 2, 0).numpy())
         write_json(kept, {"steps": steps})
     return build.read_texture(picture), read_json(kept)["steps"]
@@ -137,17 +121,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path)
     parser.add_argument("--seconds", type=float, default=60, help="Processor seconds of each.")
-    parser.add_argument("--efr", type=Path, default=Path("builtin"), help="Trained for raster.")
     parser.add_argument("--detector", default="builtin")
     parser.add_argument("--out", type=Path, default=Path("out/equal_seconds"))
     parser.add_argument("--document", type=Path, default=Path("docs/backends.md"))
     options = parser.parse_args()
-    contest = Contest(options.scene, options.detector, options.seconds, options.efr)
+    contest = Contest(options.scene, options.detector, options.seconds)
     steps: dict[str, int] = {}
     textures: dict[str, SrgbTexture] = {}
-    for row in ROWS:
-        textures[row.name], steps[row.name] = found(contest, row, options.out)
-        print(row.name, steps[row.name], flush=True)
+    for backend in BACKENDS:
+        textures[backend], steps[backend] = found(contest, backend, options.out)
+        print(backend, steps[backend], flush=True)
     textures["plain paint"] = contest.paint.base
     textures["random blocks"] = controls.random_blocks(SIZE, torch.Generator().manual_seed(0))
     judged, lines = contest.judge(textures), []
