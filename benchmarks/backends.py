@@ -1,6 +1,7 @@
 """What each backend of the loop gets right, and what a step costs.
 
-    python benchmarks/backends.py scenes/sedan_clear.yaml scenes/sedan_fog.yaml
+    python benchmarks/backends.py scenes/sedan_clear.yaml scenes/sedan_fog.yaml \
+      --efr raster=out/efr/raster.safetensors --efr mitsuba=out/efr/mitsuba.safetensors
 
 writes the tables of docs/backends.md, which says what the columns mean.  Held-out views of each
 scene show a pattern that no EFR was trained on; the reference is the path tracer in two independent
@@ -48,17 +49,18 @@ class Row:
     name: str
     backend: str
     samples: int = 16
-    efr: bool = False
+    efr: str | None = None
     present: bool = False
     """Whether the cache was shaded in the texture that is shown, not in the plain paint."""
 
 
 ROWS = (
     Row("raster", "raster"),
-    Row("raster + EFR", "raster", efr=True),
+    Row("raster + EFR", "raster", efr="raster"),
     Row("cached", "cached"),
     Row("cached, refreshed", "cached:1", present=True),
     Row("mitsuba, 4 spp", "mitsuba", 4),
+    Row("mitsuba, 4 spp + EFR", "mitsuba", 4, efr="mitsuba"),
     Row("mitsuba, 16 spp", "mitsuba", 16),
     Row("mitsuba, 64 spp", "mitsuba", 64),
 )
@@ -217,16 +219,17 @@ def stale(bench: Bench, old: Measured, new: Measured) -> str:
     )
 
 
-def section(path: Path, detector: Detector, residual: Residual | None) -> list[str]:
+def section(path: Path, detector: Detector, residuals: dict[str, Residual | None]) -> list[str]:
     """The table of one scene."""
     bench = Bench(path, detector)
     width, height = bench.scene.image.width, bench.scene.image.height
     halves = gradient_agreement(bench.gradients[0], (bench.gradients[1], bench.gradients[1]))[0]
     lines, found = [], {}
     for row in ROWS:
-        found[row.name] = measure(bench, row, residual if row.efr else None)
-        lines.append(cells(bench, row, found[row.name]))
-        print(*lines[-1], sep=" | ", flush=True)
+        if row.efr is None or row.efr in residuals:
+            found[row.name] = measure(bench, row, residuals[row.efr] if row.efr else None)
+            lines.append(cells(bench, row, found[row.name]))
+            print(*lines[-1], sep=" | ", flush=True)
     return [
         f"`{path}`, {VIEWS} views of {width}×{height} pixels; the reference's halves of "
         f"{REFERENCE_SAMPLES} rays per pixel have gradients of cosine {halves:.3f}.",
@@ -241,15 +244,18 @@ def main() -> None:
     """Measure all rows of all scenes and put them into the document."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", type=Path, nargs="+")
-    parser.add_argument("--efr", type=Path, default=Path("builtin"), help="Trained for raster.")
+    parser.add_argument("--efr", action="append", default=[], help="BACKEND=PATH; repeatable")
     parser.add_argument("--detector", default="builtin")
     parser.add_argument("--document", type=Path, default=Path("docs/backends.md"))
     options = parser.parse_args()
-    residual = build.build_residual(options.efr)
+    residuals = {
+        name: build.build_residual(Path(path))
+        for name, _, path in (item.partition("=") for item in options.efr)
+    }
     detector = build.build_detector(options.detector)
     lines = ["```sh", f"python {shlex.join(sys.argv)}", "```"]
     for path in options.scenes:
-        lines += ["", *section(path, detector, residual)]
+        lines += ["", *section(path, detector, residuals)]
     put(options.document, "backends", lines)
 
 

@@ -86,9 +86,7 @@ def train(
     for epoch in range(epochs):
         losses = []
         for k in torch.randperm(len(shots), generator=chance).tolist():
-            mirror = torch.rand(1, generator=chance) < 0.5  # twice as many cars to learn from
-            shot = _mirrored(shots[k]) if mirror else shots[k]
-            own, part = _share(shot)
+            own, part = _share(shots[k])
             corrected = _corrected(network, own)
             if not torch.isfinite(corrected).all():
                 raise NonFiniteError(f"EFR, epoch {epoch}, shot {k}: a picture is not finite")
@@ -117,12 +115,6 @@ def absolute_errors(
         difference = linear_to_srgb(_corrected(network, shot)) - linear_to_srgb(shot.truths)
         errors.append((difference.abs() * shot.mask).mean(dim=(1, 2, 3)) / shot.mask.mean())
     return torch.cat(parallel.gathered(errors))
-
-
-def _mirrored(shot: Shot) -> Shot:
-    """Left and right exchanged."""
-    plain = PlainPictures(shot.plain.traced.flip(-1), shot.plain.drawn.flip(-1))
-    return Shot(plain, shot.renders.flip(-1), shot.truths.flip(-1), shot.mask.flip(-1))
 
 
 def _share(shot: Shot) -> tuple[Shot, float]:

@@ -1,17 +1,17 @@
 """The EFR network (paper, section 3.2, after DTA): a U-Net that corrects a render.
 
-It gives a multiplicative and an additive map.  Three things are ours.  The paper masks the vehicle
-out before and adds the background after; here all pictures show the same background: what is equal
-in them stays as it is, and the network works on the part of the picture around the rest.  It sees
-X_nr0, what the renderer makes of the reference's own paint.  Light adds up: if the renderer errs by
-a factor 1 + M in the light that paint scatters and leaves out all gloss, the truth is exactly
-X_ref + (1 + M) (X_nr − X_nr0).  So
+It reads the reference X_ref and the render X_nr and gives a multiplicative and an additive map.
+
+Two things are ours.  The paper masks the vehicle out before and adds the background after; here all
+pictures show the same background: what is equal in them stays as it is, and the network works on
+the part of the picture around the rest.  And it sees X_nr0, what the renderer makes of the
+reference's own paint.  Light adds up: if the renderer errs by a factor 1 + M in the light that
+paint scatters and leaves out all gloss, the truth is exactly X_ref + (1 + M) (X_nr − X_nr0).  So
 
     X_ren = X_nr + g (X_ref − X_nr0) + M (X_nr − X_nr0) + A,
 
 g a trained number for each colour, M and A the network's maps.  All are zero before training: it
-starts as the identity.  And M and A belong to the light, not to the texture: they are read from
-X_ref and X_nr0 alone, so that X_ren is affine in X_nr, and the network cannot learn textures.
+starts as the identity.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class EnvironmentFeatureRenderer(nn.Module):
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS):
         super().__init__()
-        inputs = (6 * FOLD**2, *widths[:-1])
+        inputs = (9 * FOLD**2, *widths[:-1])
         self.down = nn.ModuleList(_block(i, o) for i, o in zip(inputs, widths, strict=True))
         pairs = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.up = nn.ModuleList(_block(deep + skip, skip) for deep, skip in pairs)
@@ -73,13 +73,13 @@ class EnvironmentFeatureRenderer(nn.Module):
         return corrected
 
     def _correct(self, images: LinearImages, traced: LinearImages, drawn: LinearImages) -> Tensor:
-        multiply, add = self._maps(traced, drawn).chunk(2, dim=1)
+        multiply, add = self._maps(images, traced, drawn).chunk(2, dim=1)
         return images + self.left_out * (traced - drawn) + multiply * (images - drawn) + add
 
-    def _maps(self, traced: LinearImages, drawn: LinearImages) -> Tensor:
+    def _maps(self, *pictures: LinearImages) -> Tensor:
         """M and A, one after the other (batch, 6, height, width)."""
-        height, width = traced.shape[-2:]
-        both = (torch.cat([traced, drawn], dim=1).clamp(min=0) + DARKEST).log()
+        height, width = pictures[0].shape[-2:]
+        both = (torch.cat(pictures, dim=1).clamp(min=0) + DARKEST).log()
         both = F.pad(both, (0, -width % FOLD, 0, -height % FOLD), mode="replicate")
         features, skips = F.pixel_unshuffle(both, FOLD), []
         for level, block in enumerate(self.down):
