@@ -24,7 +24,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.attack.best import Best, Validation
 from cnca.color import linear_to_srgb
 from cnca.errors import NonFiniteError, RunError, did_you_mean

@@ -17,8 +17,7 @@ import torch
 from rich.console import Console
 from torch import Tensor
 
-from cnca import build, controls
-from cnca.attack import parallel
+from cnca import build, controls, parallel
 from cnca.attack.run import HELD_OUT_SEED
 from cnca.color import srgb_to_linear
 from cnca.datasets.carla import fit_frame

@@ -1,4 +1,4 @@
-"""One of the processes of ``tests/attack/test_parallel.py``: an attack on fakes, its outcome as a file.
+"""One of the processes of ``tests/test_parallel.py``: an attack on fakes, its outcome as a file.
 
     python -m torch.distributed.run --nproc-per-node 2 -m tests.attack_rank FOLDER [STEP]
 
@@ -12,7 +12,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from cnca.attack import checkpoint, parallel
+from cnca import parallel
+from cnca.attack import checkpoint
 from cnca.optimize import Settings, optimize, start
 from tests.fake_attack import SlantedRenderer, attack
 

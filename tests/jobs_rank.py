@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.efr.train import train
 from cnca.evidence import stage
 from cnca.evidence.evaluation import evaluate_scenes

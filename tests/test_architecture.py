@@ -11,7 +11,9 @@ import pytest
 import cnca
 
 PACKAGE = Path(cnca.__file__).parent
-LEAVES = {f"cnca.{name}" for name in ("errors", "files", "types", "color", "boxes", "scores")}
+LEAVES = {
+    f"cnca.{name}" for name in ("errors", "files", "types", "color", "boxes", "scores", "progress")
+}
 """Records and plain functions without any part's concerns."""
 PROTOCOLS = {"cnca.protocols", "cnca.pictures", "cnca.scene.cameras", "cnca.scene.weather"}
 """The four exchangeable parts, the records that they exchange, and pictures of them."""
@@ -29,7 +31,7 @@ MAY_LOAD = {
     "cnca.scene": {"cnca.errors", "cnca.files"},
     "cnca.mi_bridge": LEAVES | PROTOCOLS | {"cnca.scene"},
     "cnca.gen": LEAVES | PROTOCOLS,
-    "cnca.efr": LEAVES | PROTOCOLS | {"cnca.attack.parallel"},
+    "cnca.efr": LEAVES | PROTOCOLS | {"cnca.parallel"},
     "cnca.detect": LEAVES | PROTOCOLS,
     "cnca.cli": {"cnca.errors"},
 }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.color import linear_to_srgb
 from cnca.errors import NonFiniteError
 from cnca.scene.variation import draw_views, draw_weathers

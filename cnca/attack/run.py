@@ -17,8 +17,8 @@ from typing import Any
 import torch
 from rich.console import Console
 
-from cnca import build, controls
-from cnca.attack import checkpoint, parallel, tensorboard
+from cnca import build, controls, parallel
+from cnca.attack import checkpoint, tensorboard
 from cnca.errors import RunError
 from cnca.evaluate import Result, Shots, evaluate
 from cnca.files import append_text, remove_unfinished, write_text

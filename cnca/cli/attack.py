@@ -34,7 +34,7 @@ def optimize(
 
     Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the views of each step.
     """
-    from cnca.attack import parallel
+    from cnca import parallel
     from cnca.terminal import attack as terminal
 
     with parallel.joined():

@@ -18,8 +18,7 @@ import torch
 from rich.console import Console
 from torch import Tensor
 
-from cnca import build
-from cnca.attack import parallel
+from cnca import build, parallel
 from cnca.color import linear_to_srgb
 from cnca.datasets.layout import DataSet, Mask
 from cnca.errors import RunError

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.color import linear_to_srgb
 from cnca.efr.unet import EnvironmentFeatureRenderer, weighted_bce
 from cnca.errors import NonFiniteError

@@ -14,8 +14,7 @@ from typing import Any
 
 from rich.console import Console
 
-from cnca import build
-from cnca.attack import parallel
+from cnca import build, parallel
 from cnca.detect import detector_files
 from cnca.evidence.candidates import Candidate, named, parse_candidates
 from cnca.evidence.judge import judge

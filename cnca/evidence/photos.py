@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.boxes import area, iou_matrix
 from cnca.detect import detector_files
 from cnca.errors import RunError

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.evaluate import Shots, look, photograph
 from cnca.evidence.candidates import Coat
 from cnca.evidence.gallery import digest, kept_detections, kept_pictures, recall

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.attack.run import Request, run
 from cnca.errors import RunError
 from cnca.interrupts import resumable

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from cnca.attack import parallel
+from cnca import parallel
 
 if TYPE_CHECKING:
     from cnca.reorder_uv import Source

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from cnca.attack import parallel
+from cnca import parallel
 from cnca.errors import RunError
 from cnca.optimize import Settings, draw_pool
 from cnca.scene.schema import Scene
