@@ -42,9 +42,10 @@ class Row:
         return {"label": self.label, "folder": self.folder.name} | self.numbers()
 
     def numbers(self) -> dict[str, float]:
-        """Detection score and AP@0.5 on held-out views, and the naturalness."""
+        """Detection scores and AP@0.5 on held-out views, and the naturalness."""
         attack = {
             "score": self.detection_score,
+            "score_shuffled": self.summary["score_shuffled"],
             "score_prompt": self.summary["score_prompt"],
             "AP@0.5": self.summary["AP@0.5"]["after"],
         }
@@ -109,6 +110,7 @@ def write_tables(out: Path, name: str, heading: str, rows: Sequence[Row]) -> Non
 
 COLUMNS = {
     "score": "detection score",
+    "score_shuffled": "shuffled control",
     "AP@0.5": "AP@0.5",
     "prompt_score": "prompt score",
     "distance": "distance",

@@ -39,7 +39,12 @@ def started(monkeypatch) -> list[Request]:
         request.out.mkdir(parents=True, exist_ok=True)
         for name, value in (("texture.png", grey), ("texture_prompt.png", 1.0)):
             write_texture_srgb(request.out / name, np.full((8, 8, 3), value, np.float32))
-        summary = {"score_after": grey, "score_prompt": 1.0, "AP@0.5": {"after": grey}}
+        summary = {
+            "score_after": grey,
+            "score_prompt": 1.0,
+            "score_shuffled": 1.0,
+            "AP@0.5": {"after": grey},
+        }
         (request.out / "summary.json").write_text(json.dumps(summary))
         (request.out / "manifest.json").write_text(json.dumps({"request": request.as_dict()}))
         return summary
@@ -62,7 +67,7 @@ def test_tradeoff_writes_the_papers_table_and_goes_on_where_it_was(started, requ
     assert [one.settings.tau for one in started] == taus  # the first two were read
     table = (request_.out / "tradeoff.md").read_text()
     assert table.count("\n") == 2 + len(taus)
-    assert "| τ = inf | 0.000 | 0.000 |" in table
+    assert "| τ = inf | 0.000 | 1.000 | 0.000 |" in table
     numbers = json.loads((request_.out / "tradeoff.json").read_text())["rows"]
     assert [n["folder"] for n in numbers] == ["tau_0", "tau_1", "tau_inf"]
     assert cv2.imread(str(request_.out / "tradeoff.png")).shape == (246, 3 * 224, 3)
