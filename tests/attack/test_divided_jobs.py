@@ -8,10 +8,10 @@ from rich.console import Console
 from safetensors.torch import load_file
 
 from cnca.datasets.rendered import render_dataset
-from tests.test_parallel import launch
 from tests.datasets.test_rendered import SCENE as DATASET_SCENE
 from tests.datasets.test_rendered import files
 from tests.jobs_rank import run_jobs, write_inputs
+from tests.test_parallel import launch
 
 
 @pytest.fixture(scope="module")
