@@ -18,6 +18,7 @@ from cnca.manifest import hashes, versions, write_json
 from cnca.optimize import Settings
 from cnca.scene.images import write_texture_srgb
 from tests.attack.test_run import SCENE, one_thread  # noqa: F401  (a fixture)
+from tests.gen.tiny import save_pipeline, tiny_pipeline
 
 QUIET = Console(quiet=True)
 
@@ -28,7 +29,13 @@ def request_(tmp_path) -> run.Request:
     scene.write_text(SCENE)
     settings = Settings("zebra strips", tau=0.5, steps=2, views_per_step=1, learning_rate=0.1)
     return run.Request(
-        scene, ("builtin",), tmp_path / "first", settings, samples=2, held_out_views=1
+        scene,
+        ("builtin",),
+        tmp_path / "first",
+        settings,
+        generator=save_pipeline(tiny_pipeline(), tmp_path / "tiny"),
+        samples=2,
+        held_out_views=1,
     )
 
 
