@@ -14,6 +14,7 @@ import argparse
 import shlex
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -225,11 +226,10 @@ def section(path: Path, detector: Detector, residuals: dict[str, Residual | None
     width, height = bench.scene.image.width, bench.scene.image.height
     halves = gradient_agreement(bench.gradients[0], (bench.gradients[1], bench.gradients[1]))[0]
     lines, found = [], {}
-    for row in ROWS:
-        if row.efr is None or row.efr in residuals:
-            found[row.name] = measure(bench, row, residuals[row.efr] if row.efr else None)
-            lines.append(cells(bench, row, found[row.name]))
-            print(*lines[-1], sep=" | ", flush=True)
+    for row, residual in corrected(residuals):
+        found[row.name] = measure(bench, row, residual)
+        lines.append(cells(bench, row, found[row.name]))
+        print(*lines[-1], sep=" | ", flush=True)
     return [
         f"`{path}`, {VIEWS} views of {width}×{height} pixels; the reference's halves of "
         f"{REFERENCE_SAMPLES} rays per pixel have gradients of cosine {halves:.3f}.",
@@ -240,6 +240,18 @@ def section(path: Path, detector: Detector, residuals: dict[str, Residual | None
     ]
 
 
+def read_residuals(specs: Sequence[str]) -> dict[str, Residual | None]:
+    """The networks of ``BACKEND=PATH``, by backend."""
+    parts = (spec.partition("=") for spec in specs)
+    return {backend: build.build_residual(Path(path)) for backend, _, path in parts}
+
+
+def corrected(residuals: dict[str, Residual | None]) -> list[tuple[Row, Residual | None]]:
+    """The rows that can be run, with what corrects them."""
+    rows = [row for row in ROWS if row.efr is None or row.efr in residuals]
+    return [(row, residuals[row.efr] if row.efr else None) for row in rows]
+
+
 def main() -> None:
     """Measure all rows of all scenes and put them into the document."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -248,10 +260,7 @@ def main() -> None:
     parser.add_argument("--detector", default="builtin")
     parser.add_argument("--document", type=Path, default=Path("docs/backends.md"))
     options = parser.parse_args()
-    residuals = {
-        name: build.build_residual(Path(path))
-        for name, _, path in (item.partition("=") for item in options.efr)
-    }
+    residuals = read_residuals(options.efr)
     detector = build.build_detector(options.detector)
     lines = ["```sh", f"python {shlex.join(sys.argv)}", "```"]
     for path in options.scenes:

@@ -1,11 +1,12 @@
 """The attack by each backend with the same processor seconds, judged by the path tracer.
 
-    python benchmarks/equal_seconds.py scenes/sedan_clear.yaml --seconds 60
+    python benchmarks/equal_seconds.py scenes/sedan_clear.yaml --seconds 60 \
+      --efr raster=builtin --efr mitsuba=out/efr/mitsuba.safetensors
 
-searches free texels in place of F_adv, as ``benchmarks/texels.py`` does: the shipped generator
-costs most of a step, whichever backend draws.  What a backend prepares, and the kernels that it
-compiles, count.  The same command goes on after an interruption; it writes the table of
-docs/backends.md.
+takes the backends of ``backends.py`` and searches free texels in place of F_adv, as
+``benchmarks/texels.py`` does: the shipped generator costs most of a step, whichever backend draws.
+What a backend prepares, and the kernels that it compiles, count.  The same command goes on after an
+interruption; it writes the table of docs/backends.md.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import torch
+from backends import Row, corrected, read_residuals
 from tables import markdown, put
 from texels import BOUND, SIZE, Texels
 
@@ -28,21 +30,19 @@ from cnca.evidence.bootstrap import Sampled, resample
 from cnca.evidence.verdict import Measured, Seen, measure, word_for
 from cnca.manifest import read_json, write_json
 from cnca.optimize import Attack, Progress, Settings, optimize, start
+from cnca.protocols import Residual
 from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import load_scene
 from cnca.types import SrgbTexture
 
 SIDE, VIEWS_HELD_OUT = 24, 24
 """Texels a side, and views that judge."""
-SAMPLES = 16
-"""Rays per pixel in the loop."""
 ENDLESS = 10**6
 """Steps: the time is up before."""
 
 
-DEFAULT = "mitsuba"
+DEFAULT = "mitsuba, 16 spp"
 """The loop as ``cnca optimize`` has it, with which all others are compared."""
-BACKENDS = ("raster", "cached", DEFAULT)
 HEADINGS = ("backend", "steps", "score", "AP@0.5", f"score less that of {DEFAULT}")
 
 
@@ -59,11 +59,11 @@ class Contest:
         self.vehicle = build.build_vehicle(self.scene)
         self.paint = build.build_paint(self.scene, self.vehicle)
 
-    def search(self, backend: str) -> tuple[SrgbTexture, int]:
+    def search(self, row: Row, residual: Residual | None) -> tuple[SrgbTexture, int]:
         """The texture that one backend finds, and in how many steps."""
         deadline, parts = time.process_time() + self.seconds, (self.scene, self.vehicle, self.paint)
-        loop = build.build_loop_renderer(*parts, backend=backend, samples=SAMPLES)
-        attack = Attack(self.scene, loop, self.paint, Texels(SIDE), self.targets)
+        loop = build.build_loop_renderer(*parts, backend=row.backend, samples=row.samples)
+        attack = Attack(self.scene, loop, self.paint, Texels(SIDE), self.targets, residual=residual)
         settings = Settings(
             "",
             tau=BOUND,
@@ -99,12 +99,14 @@ class Contest:
         }
 
 
-def found(contest: Contest, backend: str, out: Path) -> tuple[SrgbTexture, int]:
+def found(
+    contest: Contest, row: Row, residual: Residual | None, out: Path
+) -> tuple[SrgbTexture, int]:
     """What one backend found, now or before."""
-    kept = out / f"{backend}.json"
+    kept = out / f"{row.name.replace(' ', '_')}.json"
     picture = kept.with_suffix(".png")
     if not kept.exists():
-        texture, steps = contest.search(backend)
+        texture, steps = contest.search(row, residual)
         write_texture_srgb(picture, texture.permute(1, 2, 0).numpy())
         write_json(kept, {"steps": steps})
     return build.read_texture(picture), read_json(kept)["steps"]
@@ -121,6 +123,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", type=Path)
     parser.add_argument("--seconds", type=float, default=60, help="Processor seconds of each.")
+    parser.add_argument("--efr", action="append", default=[], help="BACKEND=PATH; repeatable")
     parser.add_argument("--detector", default="builtin")
     parser.add_argument("--out", type=Path, default=Path("out/equal_seconds"))
     parser.add_argument("--document", type=Path, default=Path("docs/backends.md"))
@@ -128,9 +131,9 @@ def main() -> None:
     contest = Contest(options.scene, options.detector, options.seconds)
     steps: dict[str, int] = {}
     textures: dict[str, SrgbTexture] = {}
-    for backend in BACKENDS:
-        textures[backend], steps[backend] = found(contest, backend, options.out)
-        print(backend, steps[backend], flush=True)
+    for row, residual in corrected(read_residuals(options.efr)):
+        textures[row.name], steps[row.name] = found(contest, row, residual, options.out)
+        print(row.name, steps[row.name], flush=True)
     textures["plain paint"] = contest.paint.base
     textures["random blocks"] = controls.random_blocks(SIZE, torch.Generator().manual_seed(0))
     judged, lines = contest.judge(textures), []
