@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cnca import evaluate as evaluate
     from cnca import optimize as optimize
+    from cnca.attack.parts import Attack as Attack
+    from cnca.attack.parts import Settings as Settings
     from cnca.attack.run import held_out_shots as held_out_shots
     from cnca.build import build_generator as build_generator
     from cnca.build import build_loop_renderer as build_loop_renderer
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
     from cnca.build import build_renderer as build_renderer
     from cnca.build import build_targets as build_targets
     from cnca.build import build_vehicle as build_vehicle
-    from cnca.optimize import Attack as Attack
-    from cnca.optimize import Settings as Settings
     from cnca.optimize import start as start
     from cnca.scene.schema import load_scene as load_scene
     from cnca.targets import Target as Target
@@ -35,8 +35,9 @@ __version__ = "0.1.0"
 PLACES = {
     "build": "build_generator build_loop_renderer build_paint build_renderer build_targets "
     "build_vehicle",
-    "optimize": "Attack Settings start",
+    "attack.parts": "Attack Settings",
     "attack.run": "held_out_shots",
+    "optimize": "start",
     "scene.schema": "load_scene",
     "targets": "Target",
     "types": "Candidates",

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from cnca import parallel
 from cnca.attack import checkpoint
-from cnca.optimize import Settings, optimize, start
+from cnca.attack.parts import Settings
+from cnca.optimize import optimize, start
 from tests.fake_attack import SlantedRenderer, attack
 
 SETTINGS = Settings("grey", steps=6, views_per_step=4, learning_rate=0.1, check_every=2)

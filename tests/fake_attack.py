@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from cnca.optimize import Attack
+from cnca.attack.parts import Attack
 from cnca.paint import Paint
 from cnca.scene.schema import Scene
 from cnca.targets import Target

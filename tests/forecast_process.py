@@ -15,7 +15,7 @@ from rich.console import Console
 
 from cnca.attack import run
 from cnca.attack.forecast import forecast
-from cnca.optimize import Settings
+from cnca.attack.parts import Settings
 from tests.attack_process import SCENE
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 

@@ -1,6 +1,7 @@
 """Who may import whom: each part is imported in a process of its own, then sys.modules is read."""
 
 import ast
+import graphlib
 import json
 import subprocess
 import sys
@@ -133,6 +134,39 @@ def test_no_file_names_a_library_that_fights_with_torch():
 def test_the_check_can_fail(tmp_path, part, source, offence):
     (tmp_path / "rogue.py").write_text(source)
     assert offence in _offences(part, _loaded_with(["rogue"], tmp_path))
+
+
+def _circle(sources: dict[str, str]) -> list[str]:
+    """Modules that import each other in a circle outside of functions, if only for their types."""
+    reached = {}
+    for module, source in sources.items():
+        body = ast.parse(source).body
+        body += [inner for node in body if isinstance(node, ast.If) for inner in node.body]
+        names = set()
+        for node in body:
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        reached[module] = names & (sources.keys() - {module})
+    try:
+        graphlib.TopologicalSorter(reached).prepare()
+    except graphlib.CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_modules_do_not_import_each_other():
+    """Beside ``cnca`` itself, which names its parts for type checkers."""
+    modules = [name for name in _modules("cnca") if name != "cnca"]
+    paths = {name: PACKAGE.parent / name.replace(".", "/") for name in modules}
+    files = {n: p / "__init__.py" if p.is_dir() else p.with_suffix(".py") for n, p in paths.items()}
+    assert _circle({name: file.read_text() for name, file in files.items()}) == []
+
+
+def test_a_circle_is_found():
+    circle = {"a": "from b import f", "b": "import c", "c": "if TYPE_CHECKING:\n    import a"}
+    assert set(_circle(circle)) == {"a", "b", "c"}
 
 
 def test_imports_inside_functions_are_seen():

@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 import torch
 
+from cnca.attack.parts import WEATHERS, Settings
 from cnca.errors import CncaError, DetectorError, GeneratorError, NonFiniteError, RunError
-from cnca.optimize import WEATHERS, Settings, draw_pool, optimize, start
+from cnca.optimize import draw_pool, optimize, start
 from cnca.protocols import Detector, Renderer, TextureGenerator
 from cnca.scene.schema import Scene
 from tests.fake_attack import FlatRenderer, attack

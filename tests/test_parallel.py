@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from cnca import parallel
+from cnca.attack.parts import Settings
 from cnca.errors import RunError
-from cnca.optimize import Settings, draw_pool
+from cnca.optimize import draw_pool
 from cnca.scene.schema import Scene
 from tests.attack_process import AttackProcess, result
 from tests.attack_rank import SETTINGS, run_rank

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from cnca import parallel
+from cnca.attack.parts import Attack, Settings
 from cnca.color import linear_to_srgb
 from cnca.errors import NonFiniteError
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.targets import look, numbers
-
-if TYPE_CHECKING:
-    from cnca.optimize import Attack, Settings
 
 VALIDATION_SEED = 7_919
 """Added to a run's seed for the views of the checks."""

@@ -19,10 +19,11 @@ from rich.table import Table
 
 from cnca import build
 from cnca.attack.best import Validation
+from cnca.attack.parts import WEATHERS, Attack, Settings
 from cnca.attack.run import Request, assemble, held_out_shots
 from cnca.attack.runs import read_tau, under_tau
 from cnca.evaluate import Shots, evaluate
-from cnca.optimize import WEATHERS, Attack, Settings, optimize, start
+from cnca.optimize import optimize, start
 from cnca.scene.schema import load_scene
 
 TEXTURES = 5

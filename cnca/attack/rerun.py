@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from rich.console import Console
 
+from cnca.attack.parts import Settings
 from cnca.attack.run import Request, run
 from cnca.errors import RunError, did_you_mean
 from cnca.manifest import hashes, read_json, versions
-from cnca.optimize import Settings
 from cnca.scene.images import read_texture_srgb
 
 

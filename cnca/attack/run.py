@@ -19,12 +19,13 @@ from rich.console import Console
 
 from cnca import build, controls, parallel
 from cnca.attack import checkpoint, tensorboard
+from cnca.attack.parts import Attack, Settings
 from cnca.errors import RunError
 from cnca.evaluate import Result, Shots, evaluate
 from cnca.files import append_text, remove_unfinished, write_text
 from cnca.gen.feature import StoredFeature
 from cnca.manifest import hashes, read_json, versions, write_json
-from cnca.optimize import Attack, Progress, Settings, optimize, start
+from cnca.optimize import Progress, optimize, start
 from cnca.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.progress import bar
 from cnca.report import shown_views, write_report

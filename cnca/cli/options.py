@@ -118,8 +118,8 @@ class AttackOptions:
 
     def request(self, prompt: str, *, resume: bool = False) -> Request:
         """The attack with this prompt, under the bound τ = 1."""
+        from cnca.attack.parts import Settings
         from cnca.attack.run import Request
-        from cnca.optimize import Settings
 
         settings = Settings(
             prompt,

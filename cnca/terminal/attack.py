@@ -8,10 +8,10 @@ from rich.console import Console
 from rich.table import Table
 
 from cnca import parallel
+from cnca.attack.parts import Settings
 from cnca.attack.run import Request, run
 from cnca.errors import RunError
 from cnca.interrupts import resumable
-from cnca.optimize import Settings
 from cnca.report import MEANING
 
 DEMO_SCENE = Path("builtin:sedan_clear")

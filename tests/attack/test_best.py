@@ -7,9 +7,10 @@ import torch
 
 from cnca.attack import checkpoint
 from cnca.attack.best import Best, Validation
+from cnca.attack.parts import Settings
 from cnca.attack.run import held_out_shots
 from cnca.errors import NonFiniteError
-from cnca.optimize import Settings, draw_pool, optimize, start
+from cnca.optimize import draw_pool, optimize, start
 from cnca.scene.schema import Scene
 from tests.fake_attack import GreyGenerator, attack
 

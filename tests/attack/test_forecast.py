@@ -10,7 +10,8 @@ import pytest
 
 from cnca.attack import run
 from cnca.attack.forecast import Forecast, Part, forecast, step_counts
-from cnca.optimize import WEATHERS, Settings, draw_pool
+from cnca.attack.parts import WEATHERS, Settings
+from cnca.optimize import draw_pool
 from cnca.scene.schema import Scene
 from tests.forecast_process import small_request
 

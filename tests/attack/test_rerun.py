@@ -11,11 +11,11 @@ import torch
 from rich.console import Console
 
 from cnca.attack import run
+from cnca.attack.parts import Settings
 from cnca.attack.rerun import read_request, rerun
 from cnca.errors import RunError
 from cnca.gen.feature import StoredFeature
 from cnca.manifest import hashes, versions, write_json
-from cnca.optimize import Settings
 from cnca.scene.images import write_texture_srgb
 from tests.attack.test_run import SCENE, one_thread  # noqa: F401  (a fixture)
 from tests.gen.tiny import save_pipeline, tiny_pipeline

@@ -14,11 +14,11 @@ from rich.console import Console
 
 from cnca import build
 from cnca.attack import checkpoint, run
+from cnca.attack.parts import Settings
 from cnca.detect import BUILTIN_CONFIG
 from cnca.detect.white_box import DarknetDetector
 from cnca.errors import NonFiniteError, RunError
 from cnca.gen.feature import StoredFeature
-from cnca.optimize import Settings
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 
 SHIPPED = (

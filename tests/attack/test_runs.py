@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from cnca.attack import auto_tau, runs
+from cnca.attack.parts import Settings
 from cnca.attack.run import Request
 from cnca.errors import RunError
-from cnca.optimize import Settings
 from cnca.scene.images import write_texture_srgb
 
 QUIET = Console(quiet=True)
