@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from cnca.gen import textures
+from cnca.gen import GUIDANCE, textures
 from cnca.gen.contact_sheet import contact_sheet
 from cnca.gen.sampling import DiffusionTextureGenerator
 from cnca.gen.scorer import load_scorer, right_prompts
@@ -23,7 +23,7 @@ parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--generator", type=Path, help="folder in diffusers format")
 parser.add_argument("--scorer", type=Path, help="file of train-scorer, or a CLIP folder")
 parser.add_argument("--corpus", type=Path, default=Path("out/generator/captions-4096-0.json"))
-parser.add_argument("--guidance", type=float, default=4.0)
+parser.add_argument("--guidance", type=float, default=GUIDANCE)
 parser.add_argument("--prompts", type=int, default=60)
 parser.add_argument("--seed", type=int, default=1)
 parser.add_argument("--sheet", type=Path, help="contact sheet of the paper's prompts to write")

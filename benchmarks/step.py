@@ -59,7 +59,7 @@ def assemble(scene: Scene, gradient_steps: int) -> Attack:
         scene=scene,
         renderer=build.build_loop_renderer(scene, vehicle, paint, backend="mitsuba", samples=16),
         paint=paint,
-        generator=build.build_generator(None, guidance=4.0, gradient_steps=gradient_steps),
+        generator=build.build_generator(None, gradient_steps=gradient_steps),
         targets=build.build_targets(["builtin"]),
     )
 

@@ -203,7 +203,6 @@ def choose_views(scene: Scene, name: str | None, *, every: bool = False) -> list
 def build_generator(
     path: Path | None,
     *,
-    guidance: float,
     device: str = "cpu",
     mixed_precision: bool = False,
     **options: Any,
@@ -216,9 +215,7 @@ def build_generator(
     from cnca.gen.sampling import DiffusionTextureGenerator
 
     half = torch.bfloat16 if mixed_precision else None
-    return DiffusionTextureGenerator.load(
-        path, guidance=guidance, device=device, half=half, **options
-    )
+    return DiffusionTextureGenerator.load(path, device=device, half=half, **options)
 
 
 def build_residual(path: Path | None) -> Residual | None:

@@ -5,12 +5,16 @@ import resource
 import subprocess
 import sys
 from importlib import metadata
+from inspect import signature
 
 import pydantic
 import pytest
 
 from cnca import __version__, cli
+from cnca.cli.options import AttackOptions
+from cnca.cli.render import accuracy_generator
 from cnca.errors import SceneError
+from cnca.gen import GUIDANCE
 from cnca.mi_bridge import llvm
 
 
@@ -48,6 +52,11 @@ def test_version_says_all_versions_that_matter_at_once():
     assert said["torch"] == metadata.version("torch")
     assert {"mitsuba", "drjit", "diffusers"} <= set(said)
     assert llvm.choose().path.name == said["LLVM"]
+
+
+def test_generators_are_guided_as_without_the_command_line():
+    shown = signature(accuracy_generator).parameters["guidance"].default
+    assert shown == AttackOptions.guidance == GUIDANCE
 
 
 def test_unknown_command_names_the_nearest():

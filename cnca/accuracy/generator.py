@@ -19,6 +19,7 @@ from cnca import build
 from cnca.controls import random_blocks
 from cnca.errors import RunError
 from cnca.files import replacing
+from cnca.gen import GUIDANCE
 from cnca.gen.feature import initial
 from cnca.manifest import versions, write_json
 from cnca.progress import bar
@@ -37,7 +38,7 @@ def generator_accuracy(
     prompt: str,
     generator: Path | None = None,
     feature: str = "concat",
-    guidance: float = 4.0,
+    guidance: float = GUIDANCE,
     probes: int = 3,
     seed: int = 0,
     console: Console,

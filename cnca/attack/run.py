@@ -23,6 +23,7 @@ from cnca.attack.parts import Attack, Settings
 from cnca.errors import RunError
 from cnca.evaluate import Result, Shots, evaluate
 from cnca.files import append_text, remove_unfinished, write_text
+from cnca.gen import GUIDANCE
 from cnca.gen.feature import StoredFeature
 from cnca.manifest import hashes, read_json, versions, write_json
 from cnca.optimize import Progress, optimize, start
@@ -55,9 +56,11 @@ class Request:
     """Rays per pixel in the loop; the verdict takes the scene's own number."""
     tokens: int | None = None
     """Tokens of F_adv; None takes as many as the kind of feature asks for."""
-    guidance: float = 4.0
+    guidance: float = GUIDANCE
     gradient_steps: int | None = None
     """Last steps of DDIM that the gradient goes back through; None is all."""
+    gradient_checkpointing: bool = True
+    """Compute the U-Net's activations again on the way back, rather than keep those of all steps."""
     device: str = "cpu"
     """Where the generator works; all else works on the CPU."""
     mixed_precision: bool = False
@@ -67,9 +70,10 @@ class Request:
     resume: bool = False
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything that decides the result: not the folder, its log, or whether it is resumed."""
+        """Everything that decides the result: not the folder, its log, or how it is computed."""
         fields = asdict(self)
-        del fields["out"], fields["tensorboard"], fields["resume"]
+        for name in ("out", "tensorboard", "resume", "gradient_checkpointing"):
+            del fields[name]
         if math.isinf(self.settings.tau):
             fields["settings"]["tau"] = "inf"  # which JSON cannot say as a number
         return json.loads(json.dumps(fields, default=str))
@@ -109,6 +113,7 @@ def assemble(request: Request, scene: Scene) -> Attack:
             tokens=request.tokens,
             guidance=request.guidance,
             gradient_steps=request.gradient_steps,
+            gradient_checkpointing=request.gradient_checkpointing,
             device=request.device,
             mixed_precision=request.mixed_precision,
         ),

@@ -23,9 +23,6 @@ from cnca.scene.paper_grid import find_grid, grid_shots
 from cnca.scene.schema import Scene, load_scene
 from cnca.types import SrgbTexture
 
-GUIDANCE = 4.0
-"""Of the prompt texture, as in ``cnca optimize``."""
-
 
 @dataclass(frozen=True)
 class Request:
@@ -171,7 +168,7 @@ def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, Srg
     key = digest(prompt, request.seed, sorted(hashes([folder]).values()))
 
     def paint_it() -> torch.Tensor:
-        generator = build.build_generator(request.generator, guidance=GUIDANCE)
+        generator = build.build_generator(request.generator)
         noise = torch.Generator().manual_seed(request.seed)
         nothing = torch.zeros(generator.feature_shape)
         with torch.no_grad():

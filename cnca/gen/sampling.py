@@ -22,6 +22,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from cnca.errors import GeneratorError, NonFiniteError
+from cnca.gen import GUIDANCE
 from cnca.gen.feature import CONCAT, REPLACE, check_finite, check_kind, default_tokens
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
 from cnca.types import SrgbTexture
@@ -50,7 +51,7 @@ class DiffusionTextureGenerator:
         feature: str = CONCAT,
         tokens: int | None = None,
         steps: int = 20,
-        guidance: float = 2.5,
+        guidance: float = GUIDANCE,
         size: int | None = None,
         gradient_steps: int | None = None,
         half: torch.dtype | None = None,
