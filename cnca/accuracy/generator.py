@@ -47,20 +47,29 @@ def generator_accuracy(
 
     Writes ``generator.json``, ``.md`` and ``.png`` into ``out``.  A probe is what a loss might ask
     of the texture: the mean of its texels, weighted at random in 16×16 blocks.  Seconds are
-    those of one texture and its gradient, the fastest of the probes.
+    those of one texture and its gradient, the fastest of the probes, with gradient checkpointing
+    and without.
 
     Raises:
         RunError: ``probes`` is below 1.
     """
     if probes < 1:
         raise RunError(f"--probes {probes}: give at least 1")
-    found: dict[int, tuple[list[Tensor], float]] = {}
+    gradients: dict[int, list[Tensor]] = {}
+    seconds: dict[int, list[float]] = {}
     with bar(console) as progress:
         for last in progress.track(CHOICES, description="gradients"):
-            shortened = build.build_generator(
-                generator, feature=feature, guidance=guidance, gradient_steps=last
-            )
-            found[last] = _gradients(shortened, prompt, probes, seed)
+            seconds[last] = []
+            for checkpointing in (True, False):
+                shortened = build.build_generator(
+                    generator,
+                    feature=feature,
+                    guidance=guidance,
+                    gradient_steps=last,
+                    gradient_checkpointing=checkpointing,
+                )
+                gradients[last], fastest = _gradients(shortened, prompt, probes, seed)
+                seconds[last].append(fastest)
     report: dict[str, Any] = {
         "prompt": prompt,
         "generator": str(generator or "shipped"),
@@ -69,9 +78,7 @@ def generator_accuracy(
         "probes": probes,
         "seed": seed,
         "versions": versions(),
-        "prices": prices(
-            {k: g for k, (g, _) in found.items()}, {k: s for k, (_, s) in found.items()}
-        ),
+        "prices": prices(gradients, seconds),
     }
     write_json(out / "generator.json", report)
     with replacing(out / "generator.md") as temporary:
@@ -80,15 +87,20 @@ def generator_accuracy(
     return report
 
 
-def prices(gradients: dict[int, list[Tensor]], seconds: dict[int, float]) -> list[dict[str, float]]:
-    """One row for each K: steps, seconds, and cosine and relative length (means of the probes)."""
+def prices(
+    gradients: dict[int, list[Tensor]], seconds: dict[int, list[float]]
+) -> list[dict[str, float]]:
+    """One row for each K: steps, seconds, and cosine and relative length (means of the probes).
+
+    ``seconds`` are those with gradient checkpointing and without.
+    """
     full = gradients[max(gradients)]
     rows = []
     for last, short in sorted(gradients.items()):
         pairs = [(s.flatten(), f.flatten()) for s, f in zip(short, full, strict=True)]
         cosines = [torch.cosine_similarity(s, f, dim=0) for s, f in pairs]
         lengths = [s.norm() / f.norm() for s, f in pairs]
-        row = {"steps": last, "seconds": seconds[last]}
+        row = {"steps": last} | dict(zip(("seconds", "seconds_kept"), seconds[last], strict=True))
         row |= {"cosine": _mean(cosines), "length": _mean(lengths)}
         rows.append(row)
     return rows
@@ -96,9 +108,13 @@ def prices(gradients: dict[int, list[Tensor]], seconds: dict[int, float]) -> lis
 
 def table(rows: Sequence[dict[str, float]]) -> str:
     """The price list in Markdown."""
-    lines = ["| last steps | seconds | cosine | length |", "|---|---|---|---|"]
+    lines = [
+        "| last steps | seconds | with all activations kept | cosine | length |",
+        "|---|---|---|---|---|",
+    ]
     lines += [
-        f"| {r['steps']} | {r['seconds']:.2f} | {r['cosine']:.3f} | {r['length']:.3f} |"
+        f"| {r['steps']} | {r['seconds']:.2f} | {r['seconds_kept']:.2f} | {r['cosine']:.3f} "
+        f"| {r['length']:.3f} |"
         for r in rows
     ]
     return "\n".join(lines) + "\n"

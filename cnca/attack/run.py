@@ -60,7 +60,7 @@ class Request:
     gradient_steps: int | None = None
     """Last steps of DDIM that the gradient goes back through; None is all."""
     gradient_checkpointing: bool = True
-    """Compute the U-Net's activations again on the way back, rather than keep those of all steps."""
+    """Compute the U-Net's activations again on the way back; else those of all steps are kept."""
     device: str = "cpu"
     """Where the generator works; all else works on the CPU."""
     mixed_precision: bool = False

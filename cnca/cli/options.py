@@ -98,6 +98,9 @@ class AttackOptions:
     gradient_steps: Annotated[
         int | None, typer.Option(help="Go back through the last K denoising steps; default all.")
     ] = None
+    gradient_checkpointing: Annotated[
+        bool, typer.Option(help="Keep no activations of the U-Net: less memory, more time.")
+    ] = True
     device: Annotated[str, typer.Option(help="Where the generator works, cpu or cuda.")] = "cpu"
     mixed_precision: Annotated[
         bool, typer.Option("--mixed-precision", help="U-Net in bfloat16 (autocast).")
@@ -146,6 +149,7 @@ class AttackOptions:
             tokens=self.tokens,
             guidance=self.guidance,
             gradient_steps=self.gradient_steps,
+            gradient_checkpointing=self.gradient_checkpointing,
             device=self.device,
             mixed_precision=self.mixed_precision,
             held_out_views=self.held_out_views,

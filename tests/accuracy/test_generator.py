@@ -16,10 +16,16 @@ def test_cosine_and_length_against_the_full_gradient():
         1: [torch.tensor([1.0, 0.0]), torch.tensor([0.0, 3.0])],
         2: [torch.tensor([1.0, 1.0]), torch.tensor([0.0, 6.0])],
     }
-    short, full = generator_accuracy.prices(gradients, {1: 0.5, 2: 1.0})
+    short, full = generator_accuracy.prices(gradients, {1: [0.5, 0.4], 2: [1.0, 0.7]})
     assert short["cosine"] == pytest.approx((0.5**0.5 + 1) / 2)
     assert short["length"] == pytest.approx((0.5**0.5 + 0.5) / 2)
-    assert full == {"steps": 2, "seconds": 1.0, "cosine": pytest.approx(1), "length": 1.0}
+    assert full == {
+        "steps": 2,
+        "seconds": 1.0,
+        "seconds_kept": 0.7,
+        "cosine": pytest.approx(1),
+        "length": 1.0,
+    }
 
 
 def test_the_command_writes_table_picture_and_numbers(tiny_folder, tmp_path):  # noqa: F811

@@ -6,7 +6,7 @@ import torch
 from diffusers import DDIMScheduler, StableDiffusionPipeline
 
 from cnca.errors import GeneratorError
-from cnca.gen import feature, sampling
+from cnca.gen import feature
 from cnca.gen.live_memory import LiveMemory
 from cnca.gen.pipeline import Pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
@@ -230,8 +230,22 @@ def test_weights_stay_frozen(tiny):
     assert extra.grad is not None
 
 
-def peak_bytes(tiny: Pipeline, steps: int) -> int:
-    sampler = DiffusionTextureGenerator(tiny, tokens=2, steps=steps, guidance=4.0)
+def test_without_checkpointing_texture_and_gradient_are_the_same(tiny):
+    extra = noise_feature().requires_grad_()
+    for steps in (None, 2):
+        options = {"tokens": 2, "steps": 4, "gradient_steps": steps, "guidance": 4.0}
+        with_it = DiffusionTextureGenerator(tiny, **options)
+        without = DiffusionTextureGenerator(tiny, **options, gradient_checkpointing=False)
+        textures = [g.generate(g.encode("zebra"), extra, seeded()) for g in (with_it, without)]
+        gradients = [torch.autograd.grad(texture.mean(), extra)[0] for texture in textures]
+        assert torch.equal(*textures)
+        torch.testing.assert_close(*gradients)
+
+
+def peak_bytes(tiny: Pipeline, steps: int, checkpointing: bool) -> int:
+    sampler = DiffusionTextureGenerator(
+        tiny, tokens=2, steps=steps, guidance=4.0, gradient_checkpointing=checkpointing
+    )
     text, extra = sampler.encode("zebra"), noise_feature().requires_grad_()
     gc.collect()
     with LiveMemory() as memory:
@@ -239,14 +253,13 @@ def peak_bytes(tiny: Pipeline, steps: int) -> int:
     return memory.peak
 
 
-def test_memory_does_not_grow_with_the_steps(tiny, monkeypatch):
+def test_memory_does_not_grow_with_the_steps(tiny):
     """Each further step keeps its latents and the few numbers of its schedule, nothing else."""
-    few, many = peak_bytes(tiny, 3), peak_bytes(tiny, 23)
     latents = 4 * 16 * 16 * 4
+    few, many = (peak_bytes(tiny, steps, checkpointing=True) for steps in (3, 23))
     assert many - few <= 20 * 2 * latents
-    monkeypatch.setattr(sampling, "checkpoint", lambda step, *args, use_reentrant: step(*args))
-    without = peak_bytes(tiny, 23) - peak_bytes(tiny, 3)
-    assert without > 20 * 20 * latents  # the check sees what it is to see
+    few, many = (peak_bytes(tiny, steps, checkpointing=False) for steps in (3, 23))
+    assert many - few > 20 * 20 * latents  # the check sees what it is to see
 
 
 def test_same_noise_same_texture_other_noise_other_texture(tiny):
