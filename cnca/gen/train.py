@@ -36,12 +36,13 @@ def train_generator(
     """Train everything and return the folder of the pipeline, ``out/pipeline``.
 
     ``denoiser_steps`` are those of F_adv alone and with words, on quarter pictures, on whole ones.
-    Same arguments, same weights.  With ``resume``, stages and steps found in ``out`` are kept.
+    Same arguments, same weights.  With ``resume``, stages and steps found in ``out`` are kept;
+    without, raises RunError where there are some.
     """
+    loop = TrainingLoop(out, seed, resume)
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)  # the parts' initial weights
     data = corpus.prepare(out, count=pictures, seed=seed)
-    loop = TrainingLoop(out, seed, resume)
     vae = train_autoencoder(loop, data, steps=autoencoder_steps)
     latents = encode_corpus(vae, data, out / f"latents-{pictures}-{seed}-{autoencoder_steps}.pt")
     tokenizer = architecture.word_pieces(data.captions)

@@ -40,7 +40,11 @@ def train_scorer(
     batch: int = 128,
     held_out: int = 200,
 ) -> Trained:
-    """Train on the corpus in ``data`` (made if missing), write ``out/scorer.safetensors``."""
+    """Train on the corpus in ``data`` (made if missing), write ``out/scorer.safetensors``.
+
+    Raises RunError where ``out`` holds a training and ``resume`` is not asked for.
+    """
+    loop = TrainingLoop(out, seed, resume)
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)
     shown = corpus.prepare(data, count=pictures, seed=seed)
@@ -52,7 +56,6 @@ def train_scorer(
         captions = [shown.captions[i] for i in chosen.tolist()]
         return contrastive_loss(scorer, varied(small[chosen], generator), captions)
 
-    loop = TrainingLoop(out, seed, resume)
     scorer = loop.run("scorer", scorer, loss, steps=steps, learning_rate=2e-3, average=0.99)
     file = out / "scorer.safetensors"
     scorer.save(file)

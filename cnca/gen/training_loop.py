@@ -34,6 +34,13 @@ class TrainingLoop:
     save_every: int = 200
     warm_up: int = 100
 
+    def __post_init__(self) -> None:
+        """Raises RunError where the folder holds a training that is not to be resumed."""
+        if not self.resume and any(self.folder.glob("*.pt")):
+            raise RunError(
+                f"{self.folder}: already holds a training; add --resume or choose another --out"
+            )
+
     def run(
         self,
         stage: str,
@@ -90,12 +97,10 @@ class TrainingLoop:
         file = self.folder / f"{stage}.pt"
         if not file.exists():
             return 0
-        saved = torch.load(file, weights_only=True)
-        for name, part in state.items():
-            try:
+        try:
+            saved = torch.load(file, weights_only=True)
+            for name, part in state.items():
                 part.load_state_dict(saved[name])
-            except (KeyError, RuntimeError, ValueError) as error:
-                raise RunError(
-                    f"{file}: not a checkpoint of this model; remove it or train without --resume"
-                ) from error
-        return saved["step"]
+            return saved["step"]
+        except Exception as error:  # torch raises whatever damaged content makes it raise
+            raise RunError(f"{file}: not a checkpoint of this model; remove it") from error

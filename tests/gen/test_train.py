@@ -1,3 +1,5 @@
+from functools import partial
+
 import pytest
 import torch
 from torch import nn
@@ -7,6 +9,7 @@ from cnca.gen import architecture, corpus
 from cnca.gen.denoiser import GRID, ImagePrompt
 from cnca.gen.sampling import DiffusionTextureGenerator
 from cnca.gen.train import train_generator
+from cnca.gen.train_scorer import train_scorer
 from cnca.gen.training_loop import TrainingLoop
 
 
@@ -135,6 +138,22 @@ def test_a_loss_that_is_not_finite_stops_the_training_and_says_where(tmp_path):
             learning_rate=0.1,
             average=0.9,
         )
+
+
+def test_a_folder_that_holds_a_training_is_refused_before_any_work(tmp_path):
+    fit(tmp_path, 5)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    for train in (train_generator, partial(train_scorer, data=tmp_path / "corpus")):
+        with pytest.raises(RunError, match="already holds a training; add --resume or choose"):
+            train(tmp_path, resume=False)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path):
+    fit(tmp_path, 5)
+    (tmp_path / "line.pt").write_bytes((tmp_path / "line.pt").read_bytes()[:-100])
+    with pytest.raises(RunError, match="line.pt: not a checkpoint of this model; remove it"):
+        fit(tmp_path, 10, resume=True)
 
 
 def test_a_checkpoint_of_another_model_is_refused(tmp_path):
