@@ -15,9 +15,9 @@ from cnca.files import replacing
 
 COLUMNS = {
     "rung": lambda r: r["name"],
-    "first call, s": lambda r: f"{r['seconds']['first']['forward']:.2f}",
-    "forward, s": lambda r: f"{r['seconds']['steady']['forward']:.3f}",
-    "backward, s": lambda r: f"{r['seconds']['steady']['backward']:.3f}",
+    "first call, CPU s": lambda r: f"{r['seconds']['first']['forward']:.2f}",
+    "forward, CPU s": lambda r: f"{r['seconds']['steady']['forward']:.3f}",
+    "backward, CPU s": lambda r: f"{r['seconds']['steady']['backward']:.3f}",
     "error": lambda r: f"{r['error']:.2%}",
     "bias": lambda r: _bias(r),
     "mean": lambda r: f"{r['mean']:+.2%} ± {r['mean_error']:.2%}",
@@ -79,7 +79,9 @@ def write_picture(path: Path, report: dict[str, Any]) -> None:
             axes.scatter(_seconds(rung), rung["error"], marker="*", s=120, color="tab:red")
             text, where = f"{rung['target']:.0%} asked", (_seconds(rung), rung["error"])
             axes.annotate(text, where, (-8, 8), textcoords="offset points", ha="right")
-    axes.set(xscale="log", yscale="log", xlabel="seconds per view, forward", ylabel="error")
+    axes.set(
+        xscale="log", yscale="log", xlabel="processor seconds per view, forward", ylabel="error"
+    )
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(PercentFormatter(1))
     axes.yaxis.set_minor_formatter(NullFormatter())

@@ -63,19 +63,19 @@ class Bench:
     def shoot(
         self, demand: Demand, seed: int, scale: float = 1.0
     ) -> tuple[LinearImages, Tensor, dict[str, float]]:
-        """Picture, gradient of the vehicle's mean radiance, and seconds of both passes."""
+        """Picture, gradient of the vehicle's mean radiance, processor seconds of both passes."""
         self.renderer.demand = demand
         width, height = (max(round(scale * n), 1) for n in (self.view.width, self.view.height))
         view = replace(self.view, width=width, height=height)
         albedo = self.albedo.clone().requires_grad_()
-        started = time.perf_counter()
+        started = time.process_time()
         image = self.renderer.render(albedo, [view], self.weather, seed=seed)
-        rendered = time.perf_counter()
+        rendered = time.process_time()
         if scale != 1:
             size = (self.view.height, self.view.width)
             image = functional.interpolate(image, size, mode="bilinear", antialias=False)
         image[0, :, torch.from_numpy(self.mask)].mean().backward()
-        seconds = {"forward": rendered - started, "backward": time.perf_counter() - rendered}
+        seconds = {"forward": rendered - started, "backward": time.process_time() - rendered}
         assert albedo.grad is not None
         return image.detach(), albedo.grad, seconds
 

@@ -50,7 +50,9 @@ def accuracy(scene: Path, out: Path, **options: Any) -> None:
     for rung in report["rungs"]:
         if rung["target"] is not None:
             spent = rung["seconds"]["steady"]["forward"]
-            shown.print(f"{rung['name']}: error {rung['error']:.2%} in {spent:.2f} s")
+            shown.print(
+                f"{rung['name']}: error {rung['error']:.2%} in {spent:.2f} processor seconds"
+            )
     for ending in ("md", "png", "json"):
         shown.print(out / f"accuracy.{ending}", soft_wrap=True)
 

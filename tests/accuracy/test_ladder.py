@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -94,11 +95,16 @@ def test_a_second_call_measures_nothing_again(measured, scene, monkeypatch):
 
 
 def test_what_the_budget_does_not_reach_is_named(measured, scene, monkeypatch, tmp_path):
-    """An hour of the first rung would be needed for the others."""
-    hour = {"forward": 3600.0, "backward": 0.0}
-    slow = measured[1]["rungs"][0] | {"seconds": {"first": hour, "steady": hour}}
+    """The first rung takes so long that none with as many rays fits into what is left."""
+    clock = SimpleNamespace(now=0.0, monotonic=lambda: clock.now)
+
+    def slow(*arguments):
+        clock.now += 400
+        return measured[1]["rungs"][0]
+
+    monkeypatch.setattr(command, "time", clock)
     monkeypatch.setattr(command, "ladder", lambda: iter(RUNGS))
-    monkeypatch.setattr(command, "measure", lambda *arguments: slow)
+    monkeypatch.setattr(command, "measure", slow)
     monkeypatch.setattr(reference_module, "ROUND", 4)
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
     report = accuracy(scene, tmp_path, seconds=600, console=Console(quiet=True))
