@@ -30,6 +30,7 @@ from cnca.scene.variation import draw_views
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402
+from matplotlib.ticker import EngFormatter  # noqa: E402
 
 SCENE = Path("scenes/sedan_clear.yaml")
 WORK = ("floor", "forward", "forward + backward")
@@ -147,11 +148,15 @@ def draw(path: Path, rows: dict[Size, dict[str, float]]) -> None:
     by_axis = dict(zip(AXES, frames, strict=True))
     for axis, work, x, y in curves(rows):
         label = f"{work}: {exponent(x, y):.2f}"
-        by_axis[axis].loglog(x, y, marker="o", markersize=3, label=label)
+        frame = by_axis[axis]
+        frame.loglog(x, y, marker="o", markersize=3, label=label)
+        frame.set_xticks(x, [EngFormatter(sep="")(size) for size in x], fontsize=7)
+        frame.minorticks_off()
     for axis, frame in by_axis.items():
         frame.set_xlabel(axis)
         frame.grid(which="both", alpha=0.2)
-        frame.legend(title="exponent", fontsize=6, title_fontsize=6)
+        above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1)}
+        frame.legend(title="exponent", fontsize=7, title_fontsize=7, **above)
     frames[0].set_ylabel("processor seconds")
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=90, bbox_inches="tight")

@@ -19,10 +19,14 @@ from cnca.types import Detections, SrgbImages
 
 SrgbPicture = UInt8[np.ndarray, "height width 3"]
 Colour = tuple[int, int, int]
+Plate = tuple[int, int, int, int]
+"""Left, top, right and bottom of the ground of a label, in pixels."""
 
 FOUND: Colour = (255, 64, 32)
 TRUTH: Colour = (32, 220, 64)
+LETTERS: Colour = (0, 0, 0)
 CAPTION: Colour = (255, 255, 255)
+FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 CAPTION_HEIGHT = 22
 """Pixels above a tile that hold its caption."""
 
@@ -48,12 +52,11 @@ def draw_boxes(
         for box in truth.reshape(-1, 4).tolist():
             _rectangle(drawn, box, TRUTH)
     if detections is not None:
-        found = zip(detections.boxes, detections.scores, detections.labels, strict=True)
-        for box, score, label in found:
-            _rectangle(drawn, box.tolist(), FOUND)
-            text = f"{class_names[int(label)]} {float(score):.2f}"
-            left, top = int(box[0]), int(box[1])
-            _write(drawn, text, (max(left, 0) + 2, max(top - 4, 12)), FOUND)
+        boxes, taken = detections.boxes.tolist(), list[Plate]()
+        for box in boxes:
+            _rectangle(drawn, box, FOUND)
+        for box, score, label in zip(boxes, detections.scores, detections.labels, strict=True):
+            _label(drawn, f"{class_names[int(label)]} {float(score):.2f}", box, taken)
     return drawn
 
 
@@ -104,5 +107,22 @@ def _rectangle(picture: SrgbPicture, box: Sequence[float], colour: Colour) -> No
 
 
 def _write(picture: SrgbPicture, text: str, at: tuple[int, int], colour: Colour) -> None:
-    for shade, width in (((0, 0, 0), 3), (colour, 1)):  # an outline, legible on any ground
-        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, shade, width, cv2.LINE_AA)
+    cv2.putText(picture, text, at, FONT, FONT_SCALE, colour, 1, cv2.LINE_AA)
+
+
+def _label(picture: SrgbPicture, text: str, box: Sequence[float], taken: list[Plate]) -> None:
+    """Text on a plate above the box, or as near to that as the plates ``taken`` leave room."""
+    (width, height), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
+    width, height = width + 4, height + 6
+    left = max(min(round(box[0]), picture.shape[1] - width), 0)
+    lowest = max(round(box[1]), height)
+    bottoms = [*range(lowest, height - 1, -1), *range(lowest, len(picture))]
+    plates = [(left, bottom - height, left + width, bottom) for bottom in bottoms]
+    plate = next((p for p in plates if not any(_overlap(p, other) for other in taken)), plates[0])
+    taken.append(plate)
+    cv2.rectangle(picture, plate[:2], plate[2:], FOUND, cv2.FILLED)
+    _write(picture, text, (left + 2, plate[3] - 4), LETTERS)
+
+
+def _overlap(one: Plate, other: Plate) -> bool:
+    return all(one[i] <= other[i + 2] and other[i] <= one[i + 2] for i in (0, 1))

@@ -26,6 +26,20 @@ def test_boxes_are_drawn_on_a_copy():
     assert tuple(drawn[40, 70]) == TRUTH
 
 
+def test_labels_of_boxes_in_one_place_do_not_hide_each_other():
+    def reddish(count: int) -> int:
+        found = Detections(
+            torch.tensor([[10.0, 70.0, 90.0, 90.0]]).expand(count, 4),
+            torch.full((count,), 0.5),
+            torch.zeros(count, dtype=torch.long),
+        )
+        drawn = draw_boxes(np.zeros((100, 100, 3), np.uint8), found, ["car"])
+        return int((drawn[..., 0] > 0).sum())
+
+    areas = [reddish(count) for count in (1, 2, 3)]
+    assert areas[2] - areas[1] == areas[1] - areas[0] > 500
+
+
 def test_side_by_side_places_tiles():
     tiles = [np.full((4, 6, 3), value, np.uint8) for value in (10, 20, 30)]
     sheet = side_by_side(tiles, columns=2)
