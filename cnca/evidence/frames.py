@@ -67,6 +67,8 @@ class OverFrames:
 class Frames:
     """Frames that the vehicle's mesh meets, as the shots of a stage: one frame to each weather."""
 
+    name: str
+    """Of their folder."""
     shots: Shots
     photographs: dict[View, SrgbImages]
     records: list[dict[str, Any]]
@@ -116,7 +118,7 @@ def read_frames(
         problem = records[0].get("problem", f"its outline lies {records[0]['median']} pixels off")
         raise RunError(f"{folder}: the scene's vehicle meets no frame; the first: {problem}")
     shots = Shots([[view] for view in photographs], [weather] * len(photographs), seed)
-    return Frames(shots, photographs, records)
+    return Frames(folder.resolve().name, shots, photographs, records)
 
 
 def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path) -> dict[str, Any]:

@@ -15,10 +15,11 @@ from cnca.detect import detector_files
 from cnca.errors import DetectorError, RunError
 from cnca.evaluate import Shots
 from cnca.evidence.candidates import CONTROLS, Candidate, make_coats, named, read_candidate
-from cnca.evidence.frames import MaskedRenderer, OverFrames, read_frames
+from cnca.evidence.frames import Frames, MaskedRenderer, OverFrames, read_frames
 from cnca.evidence.gallery import digest, kept_pictures
 from cnca.evidence.stage import Eye, Stage, scene_key
 from cnca.manifest import hashes
+from cnca.scene.mesh import Vehicle
 from cnca.scene.paper_grid import find_grid, grid_shots
 from cnca.scene.schema import Scene, load_scene
 from cnca.types import SrgbTexture
@@ -82,27 +83,28 @@ def build_stages(request: Request, candidates: Sequence[Candidate]) -> list[Stag
     """The scenes with their textures, or the CARLA frames; all have the same rows."""
     # Painted when all else has been found in order: it takes the longest.
     prompts = cache(lambda: _prompts(request, candidates))
-    make = _scene_stage if request.carla is None else _frame_stage
     names = _scene_names(request.scenes)
     return [
-        make(request, path, name, candidates, prompts)
+        _stage(request, path, name, candidates, prompts)
         for path, name in zip(request.scenes, names, strict=True)
     ]
 
 
-def _scene_stage(
+def _stage(
     request: Request,
     path: Path,
     name: str,
     candidates: Sequence[Candidate],
     prompts: Callable[[], dict[str, SrgbTexture]],
 ) -> Stage:
+    """One scene, or its vehicle in the folder's frames."""
     scene = load_scene(path)
     vehicle = build.build_vehicle(scene)
+    frames = None if request.carla is None else _frames(request, request.carla, scene, vehicle)
     paint, size = build.build_paint(scene, vehicle), scene.vehicle.texture_size
     textures = {each.name: read_candidate(each, vehicle, size) for each in candidates}
     backend, samples = request.backend, request.samples
-    return Stage(
+    stage = Stage(
         name=name,
         renderer=build.build_renderer(scene, vehicle, backend=backend, samples=samples),
         shots=_shots(request, scene),
@@ -110,35 +112,23 @@ def _scene_stage(
         folder=request.out,
         key=scene_key(scene, vehicle, backend=backend, samples=samples),
     )
+    return stage if frames is None else _over_frames(stage, frames)
 
 
-def _frame_stage(
-    request: Request,
-    path: Path,
-    name: str,
-    candidates: Sequence[Candidate],
-    prompts: Callable[[], dict[str, SrgbTexture]],
-) -> Stage:
-    """The scene's vehicle in the folder's frames; the frames themselves are a row, too."""
-    assert request.carla is not None
-    scene = load_scene(path)
-    vehicle = build.build_vehicle(scene)
-    frames = read_frames(
-        request.carla,
-        vehicle,
-        scene.weather(),
-        fov=request.fov,
-        kept=request.out / "fits",
-        seed=request.seed,
-    )
-    plain = _scene_stage(request, path, name, candidates, prompts)
-    assert isinstance(plain.renderer, MaskedRenderer)
+def _frames(request: Request, folder: Path, scene: Scene, vehicle: Vehicle) -> Frames:
+    fits, weather = request.out / "fits", scene.weather()
+    return read_frames(folder, vehicle, weather, fov=request.fov, kept=fits, seed=request.seed)
+
+
+def _over_frames(stage: Stage, frames: Frames) -> Stage:
+    """The same vehicle in photographs, which are a row, too."""
+    assert isinstance(stage.renderer, MaskedRenderer)
     return replace(
-        plain,
-        name=request.carla.resolve().name,
-        renderer=OverFrames(plain.renderer, frames.photographs),
+        stage,
+        name=frames.name,
+        renderer=OverFrames(stage.renderer, frames.photographs),
         shots=frames.shots,
-        key=digest(plain.key, *frames.photographs.values()),
+        key=digest(stage.key, *frames.photographs.values()),
         photographs={"photograph": frames.photograph},
         notes={"frames": frames.records},
     )

@@ -10,6 +10,7 @@ from cnca import build
 from cnca.color import linear_to_srgb, srgb_to_linear
 from cnca.errors import RunError, SceneError
 from cnca.evidence.frames import MaskedRenderer, OverFrames, read_frames
+from cnca.evidence.parts import Request, build_stages
 from cnca.scene.cameras import orbit_view
 from cnca.scene.schema import load_scene
 from cnca.scene.weather import Weather
@@ -65,6 +66,13 @@ def test_the_etron_meets_a_frame_and_the_sedan_does_not(tmp_path):
     assert record["lift"] == pytest.approx(-0.700, abs=0.02)
     assert frames.photograph(0).shape == (1, 3, 800, 800)
     assert read_frames(tmp_path, vehicle, scene.weather(), **options).records == frames.records
+
+    request = Request((ROOT / "scenes" / "etron_clear.yaml",), tmp_path, carla=tmp_path)
+    (stage,) = build_stages(request, [])
+    assert stage.rows[:2] == ["photograph", "normal"]
+    assert isinstance(stage.renderer, OverFrames)
+    assert (stage.name, stage.shots) == (tmp_path.name, frames.shots)
+    assert stage.notes == {"frames": frames.records}
 
     sedan = build.build_vehicle(load_scene(ROOT / "scenes" / "sedan_clear.yaml"))
     with pytest.raises(RunError, match="meets no frame"):
