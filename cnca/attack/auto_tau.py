@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import torch
 from rich.console import Console
 
-from cnca import build
-from cnca.attack.run import Request
+from cnca.attack.run import Request, build_generator
 from cnca.attack.runs import Row, row, with_tau, write_tables
 from cnca.errors import RunError
 from cnca.gen.scorer import PromptScorer
@@ -96,13 +95,7 @@ def strongest(found: Mapping[float, tuple[float, float]], least: float) -> float
 
 def _score_of_prompt(request: Request, scorer: PromptScorer) -> float:
     """Prompt score of the texture with F_adv = 0."""
-    generator = build.build_generator(
-        request.generator,
-        feature=request.settings.feature,
-        tokens=request.tokens,
-        guidance=request.guidance,
-        device=request.device,
-    )
+    generator = build_generator(request)
     noise = torch.Generator().manual_seed(request.settings.seed)
     text, nothing = generator.encode(request.settings.prompt), torch.zeros(generator.feature_shape)
     with torch.no_grad():

@@ -29,6 +29,7 @@ from cnca.manifest import hashes, read_json, versions, write_json
 from cnca.optimize import Progress, optimize, start
 from cnca.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.progress import bar
+from cnca.protocols import TextureGenerator
 from cnca.report import shown_views, write_report
 from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import Scene, load_scene
@@ -107,18 +108,23 @@ def assemble(request: Request, scene: Scene) -> Attack:
             scene, vehicle, paint, backend=request.backend, samples=request.samples
         ),
         paint=paint,
-        generator=build.build_generator(
-            request.generator,
-            feature=request.settings.feature,
-            tokens=request.tokens,
-            guidance=request.guidance,
-            gradient_steps=request.gradient_steps,
-            gradient_checkpointing=request.gradient_checkpointing,
-            device=request.device,
-            mixed_precision=request.mixed_precision,
-        ),
+        generator=build_generator(request),
         targets=build.build_targets(request.detectors),
         residual=build.build_residual(request.efr),
+    )
+
+
+def build_generator(request: Request) -> TextureGenerator:
+    """The generator that the request names."""
+    return build.build_generator(
+        request.generator,
+        feature=request.settings.feature,
+        tokens=request.tokens,
+        guidance=request.guidance,
+        gradient_steps=request.gradient_steps,
+        gradient_checkpointing=request.gradient_checkpointing,
+        device=request.device,
+        mixed_precision=request.mixed_precision,
     )
 
 
