@@ -1,31 +1,16 @@
 """The survey's page in a real browser: by mouse, by keyboard, over reloads and lost servers."""
 
-import threading
-from contextlib import contextmanager
-
 import cv2
 import numpy as np
 import pytest
 
 from cnca.survey.answers import FILES, read_sheets, read_survey
-from cnca.survey.serve import SurveyServer
 from tests.accessibility import complaints
 from tests.survey.pictures import SOURCES
+from tests.survey.server import serving
 
 PICTURES = 6
 TASTE = {"Normal": 5, "FCA": 2, "CNCA": 4}
-
-
-@contextmanager
-def serving(folder, port=0):
-    with SurveyServer(folder, host="127.0.0.1", port=port) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            yield server.server_port
-        finally:
-            server.shutdown()
-            thread.join()
 
 
 def begin(page):

@@ -7,13 +7,13 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 
 import pytest
 
 from cnca.errors import RunError
 from cnca.survey.answers import KEY, Survey, read_sheets
 from cnca.survey.serve import MOST_BYTES, SurveyServer
+from tests.survey.server import serving
 
 PARTICIPANTS, PICTURES = 50, 12
 SURVEY = Survey(
@@ -29,18 +29,6 @@ def folder(tmp_path):
     (tmp_path / KEY).write_text(json.dumps(SURVEY.as_dict()))
     (tmp_path / "index.html").write_text("<title>the page</title>")
     return tmp_path
-
-
-@contextmanager
-def serving(folder):
-    with SurveyServer(folder, host="127.0.0.1", port=0) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            yield server.server_port
-        finally:
-            server.shutdown()
-            thread.join()
 
 
 def ask(port, method="POST", path="/answers", body=b"", **headers):
