@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -32,6 +31,7 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 from cnca import build
 from cnca.attack import checkpoint
 from cnca.color import linear_to_srgb
+from cnca.errors import RunError
 from cnca.mi_bridge.variant import dr
 from cnca.optimize import WEATHERS, Attack, Progress, Settings, optimize, start
 from cnca.scene.schema import Scene, load_scene
@@ -147,23 +147,30 @@ def resident() -> float:
 
 
 def first_image() -> dict[str, float]:
-    """Clock and processor seconds of a process that renders one picture; the first one warms up."""
-    spent = []
+    """Clock and processor seconds until a process has left its picture; the first one warms up."""
     with tempfile.TemporaryDirectory() as folder:
-        out = str(Path(folder) / "first.png")
-        command = [sys.executable, "-m", "cnca", "render-scene", str(SCENE), "-o", out]
-        for _ in range(STARTS + 1):
-            before, started = children(), time.perf_counter()
-            subprocess.run([*command, "--spp", "16"], check=True, capture_output=True)
-            spent.append((time.perf_counter() - started, children() - before))
+        spent = [start_of(Path(folder) / f"{turn}.png") for turn in range(STARTS + 1)]
     wall, cpu = np.median(spent[1:], axis=0)
     return {"wall": round(float(wall), 2), "cpu": round(float(cpu), 2)}
 
 
-def children() -> float:
-    """Processor seconds of all processes that this one has waited for."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+def start_of(picture: Path) -> tuple[float, float]:
+    """Clock and processor seconds from the start of a process to its picture on disk."""
+    command = [sys.executable, "-m", "cnca", "render-scene", str(SCENE), "-o", str(picture)]
+    started = time.perf_counter()
+    with subprocess.Popen([*command, "--spp", "16"], stdout=subprocess.DEVNULL) as process:
+        while not picture.exists():
+            if process.poll() is not None:
+                raise RunError(f"{picture}: not written; see what render-scene says above")
+            time.sleep(0.005)
+        return time.perf_counter() - started, processor_seconds(process.pid)
+
+
+def processor_seconds(process: int) -> float:
+    """Of a running process and of those that it has waited for."""
+    stat = Path(f"/proc/{process}/stat").read_text()
+    ticks = stat.rpartition(")")[2].split()[11:15]  # utime, stime, cutime, cstime: proc(5)
+    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
 
 
 def main() -> None:

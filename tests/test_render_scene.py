@@ -1,6 +1,8 @@
 """``cnca render-scene``: pictures, layers and records."""
 
 import json
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -15,6 +17,20 @@ cameras:
   - {name: left, azimuth: 90, elevation: 10, distance: 8}
   - {name: front, azimuth: 0, elevation: 10, distance: 8}
 image: {width: 48, height: 32, samples: 4}
+"""
+
+SPARED = {
+    *("trimesh", "networkx", "scipy", "diffusers", "transformers", "onnxruntime"),
+    *("matplotlib", "pandas", "colour", "torchvision"),
+}
+"""Libraries that a picture of a built-in vehicle needs nothing of; some take a second to import."""
+LIST_MODULES = """
+import sys
+from cnca.cli import main
+try:
+    main()
+finally:
+    print(*sys.modules, file=sys.stderr)
 """
 
 
@@ -48,6 +64,15 @@ def test_picture_and_record(cnca, tmp_path):
     assert 0 <= top < bottom <= 32
     middle = picture[int(top + bottom) // 2, int(left + right) // 2].astype(int)
     assert middle[0] > middle[2] + 20, "the blue paint is blue (OpenCV: blue first)"
+
+
+def test_a_picture_loads_only_what_it_needs(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    command = [sys.executable, "-c", LIST_MODULES, "render-scene", "scene.yaml", "-o", "a.png"]
+    answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in answer.stderr.split()}
+    assert {"torch", "mitsuba"} <= loaded
+    assert loaded & SPARED == set()
 
 
 def test_layers_agree_with_each_other(cnca, tmp_path):

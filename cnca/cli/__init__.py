@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 
@@ -17,6 +19,9 @@ def main() -> None:
     """Run the command line; bad input ends with one line on stderr and exit code 2."""
     # torch's idle threads spin by default, on the cores that Dr.Jit's threads then need.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    # The libraries' million objects live to the end: looking for garbage among them took a second.
+    gc.set_threshold(10_000)
+    atexit.register(gc.freeze)
     try:
         app(prog_name="cnca")
     except Exception as error:

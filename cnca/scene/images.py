@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from PIL import Image
-from scipy.ndimage import distance_transform_edt
 
 from cnca.errors import TextureError, did_you_mean
 from cnca.files import replacing
@@ -160,6 +159,8 @@ def _grow_islands(
         raise TextureError(f"{path}: every texel is transparent; save it without alpha")
     if not outside.any():
         return values[..., :3]
+    from scipy.ndimage import distance_transform_edt  # slow to import, and few pictures need it
+
     rows, columns = distance_transform_edt(outside, return_distances=False, return_indices=True)
     return values[rows, columns, :3]
 

@@ -11,14 +11,8 @@ import trimesh
 from jaxtyping import Float, Int
 
 from cnca.errors import MeshError
-from cnca.scene.load_mesh import (
-    BUILTIN,
-    guess_material,
-    material_name,
-    read_meshes,
-    resolve_vehicle,
-    to_our_axes,
-)
+from cnca.scene.load_mesh import BUILTIN, guess_material, resolve_vehicle, to_our_axes
+from cnca.scene.mesh_file import material_name, read_meshes
 from cnca.scene.schema import VehicleSection
 from cnca.scene.surface import face_crosses
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from jaxtyping import Bool
-from scipy.ndimage import distance_transform_edt
 
 from cnca.errors import MeshError
 from cnca.scene.mesh import Vehicle
@@ -22,6 +21,8 @@ def pad_mask(
     Filtering at a chart's border then reads paint where the chart is paint.  Texels of other
     charts keep what the mask says.
     """
+    from scipy.ndimage import distance_transform_edt  # slow to import, and few scenes need it
+
     used = paint_mask(vehicle, len(mask), padding=0)
     distance, nearest = distance_transform_edt(~used, return_indices=True)
     return np.where(distance <= padding, mask[tuple(nearest)], mask)

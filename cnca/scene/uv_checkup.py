@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from cnca.scene.layout import corner_keys, covered
-from cnca.scene.load_mesh import UV_TOLERANCE
+from cnca.scene.mesh_file import UV_TOLERANCE
 from cnca.scene.pieces import Piece
 from cnca.scene.rebake import face_of_texels, shown_in
 from cnca.scene.sight import Sight
