@@ -12,7 +12,7 @@ from pathlib import Path
 
 from stopwatch import Goal, goals_table, parser
 
-NAMES = ("peers", "step", "limit")
+NAMES = ("peers", "step", "limit", "ranks")
 
 
 def main() -> None:
