@@ -33,8 +33,10 @@ from pathlib import Path
 
 import numpy as np
 from fog_against_mitsuba import SAMPLES, block_pattern, camera, error, prbvolpath
+from tables import markdown
 
 from cnca import build
+from cnca.files import write_text
 from cnca.manifest import versions
 from cnca.mi_bridge.fog import solve_fog
 from cnca.mi_bridge.light import make_light
@@ -85,7 +87,7 @@ def main() -> None:
             row |= PARTS[part](renderer, weather, options, row)
         print(json.dumps(row), flush=True)
         content = {"made_by": commands, "versions": versions(), "rows": rows}
-        options.out.write_text(json.dumps(content, indent=1) + "\n")
+        write_text(options.out, json.dumps(content, indent=1) + "\n")
     print(table(rows))
 
 
@@ -161,10 +163,8 @@ def table(rows: list[dict]) -> str:
         except KeyError:
             return ""
 
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
-    for row in rows:
-        lines.append("| " + " | ".join(cell(column, row) for column in COLUMNS.values()) + " |")
-    return "\n".join(lines)
+    cells = [[cell(column, row) for column in COLUMNS.values()] for row in rows]
+    return "\n".join(markdown(list(COLUMNS), cells))
 
 
 if __name__ == "__main__":

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import torch
 from rich.console import Console
 
+from cnca.attack.parts import prompt_texture
 from cnca.attack.run import Request, build_generator
 from cnca.attack.runs import Row, row, with_tau, write_tables
 from cnca.errors import RunError
@@ -95,9 +95,6 @@ def strongest(found: Mapping[float, tuple[float, float]], least: float) -> float
 
 def _score_of_prompt(request: Request, scorer: PromptScorer) -> float:
     """Prompt score of the texture with F_adv = 0."""
-    generator = build_generator(request)
-    noise = torch.Generator().manual_seed(request.settings.seed)
-    text, nothing = generator.encode(request.settings.prompt), torch.zeros(generator.feature_shape)
-    with torch.no_grad():
-        texture = generator.generate(text, nothing, noise)
-    return scorer.score(texture[None], [request.settings.prompt]).item()
+    prompt = request.settings.prompt
+    texture = prompt_texture(build_generator(request), prompt, request.settings.seed)
+    return scorer.score(texture[None], [prompt]).item()

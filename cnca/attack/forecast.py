@@ -85,7 +85,8 @@ def forecast(request: Request) -> Forecast:
     others = [*_measure_checks(attack, request.settings), *_measure_verdict(attack, request)]
     parts = [part for part in (prepared, *steps, *others) if part.times]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    on_gpu = torch.cuda.max_memory_allocated() if request.device.startswith("cuda") else None
+    device = torch.device(request.device)
+    on_gpu = torch.cuda.max_memory_allocated(device) if device.type == "cuda" else None
     return Forecast(parts, peak + growth, on_gpu)
 
 

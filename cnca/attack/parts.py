@@ -111,3 +111,10 @@ class Attack:
             return images
         assert isinstance(self.renderer, LoopRenderer)
         return self.residual(images, self.renderer.reference(views, weather))
+
+
+def prompt_texture(generator: TextureGenerator, prompt: str, seed: int) -> SrgbTexture:
+    """What the generator paints with F_adv = 0, from the noise that an attack's seed stands for."""
+    noise, nothing = torch.Generator().manual_seed(seed), torch.zeros(generator.feature_shape)
+    with torch.no_grad():
+        return generator.generate(generator.encode(prompt), nothing, noise)

@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 from cnca import build
+from cnca.attack.parts import prompt_texture
 from cnca.attack.run import held_out_shots
 from cnca.detect import detector_files
 from cnca.errors import DetectorError, RunError
@@ -158,11 +159,7 @@ def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, Srg
     key = digest(prompt, request.seed, sorted(hashes([folder]).values()))
 
     def paint_it() -> torch.Tensor:
-        generator = build.build_generator(request.generator)
-        noise = torch.Generator().manual_seed(request.seed)
-        nothing = torch.zeros(generator.feature_shape)
-        with torch.no_grad():
-            return generator.generate(generator.encode(prompt), nothing, noise)[None]
+        return prompt_texture(build.build_generator(request.generator), prompt, request.seed)[None]
 
     return {"prompt": kept_pictures(request.out / "prompt.npz", key, paint_it)[0], **prompts}
 
