@@ -7,7 +7,7 @@ texture: so neither a loud texture nor a blob on the ground makes a car.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -96,14 +96,12 @@ def render_detector_data(
         raise DetectorError(f"--pictures {pictures}: give at least one")
     out.mkdir(parents=True, exist_ok=True)
     scenes = -(-pictures // PICTURES_PER_SCENE)
+    parts = [out / f"scene{index:04d}-{seed}.npz" for index in range(scenes)]
     with bar() as progress:
-        task = progress.add_task("scenes for the detector", total=scenes)
-        for index in range(scenes):
-            part = out / f"scene{index:04d}.npz"
+        for index, part in enumerate(progress.track(parts, description="scenes for the detector")):
             if not part.exists():
                 _save(part, _render_scene(np.random.default_rng([seed, index]), size, cast))
-            progress.advance(task)
-    _merge(out, scenes, cast.loud_stride)
+    _merge(out, parts, cast.loud_stride)
 
 
 def _save(path: Path, pictures: list[_Picture]) -> None:
@@ -112,15 +110,15 @@ def _save(path: Path, pictures: list[_Picture]) -> None:
         np.savez(file, images=np.stack([p.image for p in pictures]), labels=labels)
 
 
-def _merge(out: Path, scenes: int, loud_stride: int) -> None:
+def _merge(out: Path, parts: Sequence[Path], loud_stride: int) -> None:
     """Join the scenes; the first ones are for testing, and keep all of their loud paint."""
     images: list[np.ndarray] = []
     table: dict[str, list] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
     loud = 0
-    for index in range(scenes):
-        with np.load(out / f"scene{index:04d}.npz") as part:
-            pictures, labels = part["images"], json.loads(str(part["labels"]))
-        split = "test" if index < TEST_SHARE * scenes else "train"
+    for index, part in enumerate(parts):
+        with np.load(part) as scene:
+            pictures, labels = scene["images"], json.loads(str(scene["labels"]))
+        split = "test" if index < TEST_SHARE * len(parts) else "train"
         for picture, label in zip(pictures, labels, strict=True):
             if split == "train" and label["group"] in LOUD:
                 loud += 1
@@ -239,14 +237,16 @@ def train_builtin(
 
     Raises:
         DetectorError: there is no such ``kind``.
+        RunError: ``out/KIND`` holds a training already (without ``resume``).
     """
     from cnca.detect import TRAINED
-    from cnca.detect.train import Settings, train_detector
+    from cnca.detect.train import Settings, checkpoint_in, train_detector
 
     if kind not in TRAINED:
         hint = did_you_mean(kind, TRAINED)
         raise DetectorError(f"kind '{kind}': unknown; there is {', '.join(TRAINED)}{hint}")
     settings = Settings(epochs=epochs, seed=seed)
+    checkpoint_in(out / kind, resume=resume)
     folder = out / "pictures"
     render_detector_data(folder, pictures=pictures, seed=seed)
     return train_detector(folder, out / kind, settings, template=TRAINED[kind], resume=resume)

@@ -140,9 +140,7 @@ def train_detector(
         NonFiniteError: the loss became NaN or infinite.
     """
     data = LabelledPictures(dataset)
-    checkpoint = out / "checkpoint.pt"
-    if checkpoint.exists() and not resume:
-        raise RunError(f"{out}: holds a training; resume it or choose another folder")
+    checkpoint = checkpoint_in(out, resume=resume)
     out.mkdir(parents=True, exist_ok=True)
     if not any(len(data.boxes[index]) for index in data.of_split(TRAIN)):
         raise DetectorError(f"{data.folder}: no boxes to train on")
@@ -160,6 +158,14 @@ def train_detector(
     }
     write_text(out / f"{template.stem}.json", json.dumps(report, indent=2) + "\n")
     return report
+
+
+def checkpoint_in(out: Path, *, resume: bool) -> Path:
+    """The checkpoint of ``out``; raises RunError where there is one that is not to be resumed."""
+    checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists() and not resume:
+        raise RunError(f"{out}: already holds a training; add --resume or choose another --out")
+    return checkpoint
 
 
 def start(data: LabelledPictures, template: Path, out: Path, settings: Settings) -> Subject:

@@ -11,7 +11,7 @@ from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
 from cnca.detect.dataset import LabelledPictures
 from cnca.detect.train import Settings, Training, start
 from cnca.detect.yolo_loss import Targets
-from cnca.errors import CncaError, DetectorError
+from cnca.errors import CncaError, DetectorError, RunError
 from tests.detect.test_detectors import DetectorContract
 
 LARGEST = 15e6
@@ -105,3 +105,11 @@ def test_nothing_to_train(tmp_path, options, message):
     settings = {"kind": "yolo", "pictures": 15, "epochs": 1, "seed": 0, "resume": False} | options
     with pytest.raises(CncaError, match=message):
         train_builtin(tmp_path, **settings)
+
+
+def test_a_folder_that_holds_a_training_is_refused_before_any_picture(tmp_path):
+    (tmp_path / "yolo").mkdir()
+    (tmp_path / "yolo" / "checkpoint.pt").touch()
+    with pytest.raises(RunError, match="yolo: already holds a training; add --resume"):
+        train_builtin(tmp_path, kind="yolo", pictures=15, epochs=1, seed=0, resume=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["yolo"]

@@ -128,7 +128,7 @@ class TestTraining:
         assert measure(detector, LabelledPictures(shapes)) == report
 
     def test_finished_training_is_not_overwritten(self, trained, shapes, template):
-        with pytest.raises(RunError, match="holds a training; resume"):
+        with pytest.raises(RunError, match="already holds a training; add --resume"):
             train_detector(shapes, trained, SETTINGS, template=template)
 
     def test_resuming_with_other_settings(self, trained, shapes, template):
