@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -75,10 +74,3 @@ class PlainPictures:
     """X_ref: path-traced, clean, over the same backgrounds."""
     drawn: LinearImages
     """X_nr of that paint: as the loop's own renderer draws it."""
-
-
-def as_float(values: Tensor) -> Tensor:
-    """``values`` as contiguous float32; integers are refused rather than scaled in silence."""
-    if not values.is_floating_point():
-        raise TypeError(f"expected floating-point values, got {values.dtype}")
-    return values.to(torch.float32).contiguous()

@@ -14,11 +14,7 @@ from cnca.errors import RunError
 from cnca.interrupts import resumable
 from cnca.report import MEANING
 
-DEMO_SCENE = Path("builtin:sedan_clear")
-
-
-DEMO_PROMPT = "colorful camouflage"
-
+DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "colorful camouflage"
 
 _RESULTS = {
     "before and after": "before_after.png",
