@@ -39,7 +39,11 @@ def joined() -> Iterator[None]:
         yield
         return
     _keep_to_own_cores()
-    dist.init_process_group(timeout=PATIENCE)
+    store, own, every = next(dist.rendezvous("env://", timeout=PATIENCE))
+    if os.environ["GROUP_WORLD_SIZE"] == "1":  # several machines count their restarts apart
+        # torchrun's store still has the addresses of a group that died; who reads one waits for it.
+        store = dist.PrefixStore(os.environ["TORCHELASTIC_RESTART_COUNT"], store)
+    dist.init_process_group(store=store, rank=own, world_size=every, timeout=PATIENCE)
     try:
         with redirect_stdout(io.StringIO()) if rank() else nullcontext():
             yield

@@ -9,6 +9,7 @@ import json
 import os
 import signal
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,5 +44,7 @@ def run_rank(folder: Path, die_at: int | None = None) -> None:
 
 
 if __name__ == "__main__":
+    if (os.environ["TORCHELASTIC_RESTART_COUNT"], os.environ["RANK"]) == ("1", "1"):
+        time.sleep(3)  # the first process must not take the dead one's address for this one's
     with parallel.joined():
         run_rank(Path(sys.argv[1]), *map(int, sys.argv[2:]))

@@ -1,6 +1,8 @@
 """What else several processes divide comes to the same as in one."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -10,7 +12,7 @@ from safetensors.torch import load_file
 from cnca.datasets.rendered import render_dataset
 from tests.datasets.test_rendered import SCENE as DATASET_SCENE
 from tests.datasets.test_rendered import files
-from tests.jobs_rank import run_jobs, write_inputs
+from tests.jobs_rank import SCENE, run_jobs, write_inputs
 from tests.test_parallel import launch
 
 
@@ -68,3 +70,39 @@ def test_a_data_set(tmp_path):
     printed = launch(2, *command, "--images", "12")
     assert printed.count("12 pictures rendered") == 1
     assert files(tmp_path / "two") == files(tmp_path / "one")
+
+
+def both(last_words: str, *command: str) -> None:
+    """A command alone and in two processes, below folders ``one`` and ``two``; each speaks once."""
+    alone = [sys.executable, "-m", "cnca", *(word.format("one") for word in command)]
+    printed = subprocess.run(alone, capture_output=True, text=True, check=True).stdout
+    divided = launch(2, "cnca", *(word.format("two") for word in command))
+    assert (printed.count(last_words), divided.count(last_words)) == (1, 1)
+
+
+def reports(folder, name) -> list:
+    return [json.loads((folder / where / name).read_text()) for where in ("one", "two")]
+
+
+@pytest.mark.slow
+def test_the_command_evaluate(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    given = "--scene", f"{tmp_path}/scene.yaml", "--out", f"{tmp_path}/{{}}", "--views", "8"
+    both("tables and pictures", "evaluate", *given)
+    one, two = reports(tmp_path, "results.json")
+    assert list(one) == list(two)
+    assert numbers(two) == pytest.approx(numbers(one), abs=1e-3)  # as in test_an_evaluation
+
+
+@pytest.mark.slow
+def test_the_command_train_efr(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    given = "--from-render", f"{tmp_path}/scene.yaml", "--out", f"{tmp_path}/{{}}/efr.safetensors"
+    both("mean absolute error", "train-efr", *given, "--views", "4", "--epochs", "1", "--spp", "1")
+    one, two = reports(tmp_path, "efr.json")
+    assert two["error_before"] == pytest.approx(one["error_before"], abs=2e-5)  # rounded to 1e-5
+    # After four steps of Adam, which makes much of the rounding of small gradients.
+    assert two["per_epoch"][0] == pytest.approx(one["per_epoch"][0], rel=1e-3)
+    assert (tmp_path / "two" / "efr.safetensors").exists()
