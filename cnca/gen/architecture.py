@@ -61,9 +61,11 @@ def positions(side: int) -> Float[Tensor, "2 side side"]:
 @torch.no_grad()
 def with_position_channels(vae: AutoencoderKL) -> AutoencoderKL:
     """The same autoencoder for latents with position channels, which its decoder disregards."""
-    config = dict(vae.config)
     wider = AutoencoderKL.from_config(
-        config | {"latent_channels": PICTURE_CHANNELS + POSITION_CHANNELS}
+        vae.config,
+        latent_channels=PICTURE_CHANNELS + POSITION_CHANNELS,
+        # diffusers takes its default for what was not given when the autoencoder was made
+        scaling_factor=vae.config["scaling_factor"],
     )
     for name, weights in wider.state_dict().items():
         weights.zero_()
@@ -163,6 +165,9 @@ def word_pieces(captions: Iterable[str]) -> CLIPTokenizer:
     learner.train_from_iterator(sorted(set(captions)), trainer)
     learnt = json.loads(learner.to_str())["model"]
     vocabulary: dict[str, int] = learnt["vocab"]
+    last = [letter + "</w>" for letter in alphabet if letter + "</w>" in vocabulary]
+    # which the learner numbers in an order of chance
+    vocabulary |= dict(zip(last, sorted(vocabulary[letter] for letter in last), strict=True))
     for letter in alphabet:
         vocabulary.setdefault(letter + "</w>", len(vocabulary))
     merges = [tuple(pair) for pair in learnt["merges"]]

@@ -30,7 +30,7 @@ def train_generator(
     resume: bool = True,
     pictures: int = 4096,
     autoencoder_steps: int = 5000,
-    denoiser_steps: tuple[int, int, int, int] = (1000, 3500, 600, 900),
+    denoiser_steps: tuple[int, int, int, int] = (1000, 3500, 600, 4000),
     batch: int = 16,
 ) -> Path:
     """Train everything and return the folder of the pipeline, ``out/pipeline``.

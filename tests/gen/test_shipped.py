@@ -1,10 +1,12 @@
 """The generator in cnca/assets: what it can do, and what its model card says that it cannot."""
 
+import numpy as np
 import pytest
 import torch
 
+from cnca.gen import textures
 from cnca.gen.feature import initial, project
-from cnca.gen.pipeline import SHIPPED
+from cnca.gen.pipeline import SHIPPED, load_pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
 
 STYLES = ("colorful graffiti", "colorful camouflage", "colorful balls")
@@ -25,6 +27,30 @@ def test_it_is_small_and_holds_no_code():
     files = [file for file in SHIPPED.rglob("*") if file.is_file()]
     assert sum(file.stat().st_size for file in files) < 18e6
     assert {file.suffix for file in files} <= {".json", ".safetensors", ".md", ".txt"}
+
+
+@pytest.fixture(scope="module")
+def painted() -> torch.Tensor:
+    """Textures of the kind that it was trained on, (16, 3, 256, 256) in [0, 1]."""
+    drawn = [textures.sample(np.random.default_rng([9, i])).picture for i in range(16)]
+    return torch.from_numpy(np.stack(drawn)).permute(0, 3, 1, 2).float().clamp(0.0, 1.0)
+
+
+def test_latents_have_the_deviation_of_the_noise(painted):
+    """As the schedule takes for granted; and the autoencoder gives back what it got."""
+    vae = load_pipeline(SHIPPED).vae
+    means = vae.encode(2.0 * painted - 1.0).latent_dist.mean
+    assert 0.8 < (vae.config["scaling_factor"] * means[:, :4]).std() < 1.2
+    assert (vae.decode(means).sample / 2 + 0.5 - painted).abs().mean() < 0.04
+
+
+def test_colours_are_as_muted_as_those_it_was_trained_on(shipped, painted):
+    def at_the_ends(pictures: torch.Tensor) -> float:
+        return ((pictures == 0) | (pictures == 1)).float().mean().item()
+
+    made = torch.stack([paint(shipped, f"colorful {noun}", seed=2) for noun in ("balls", "plaid")])
+    assert at_the_ends(painted) < 0.05
+    assert at_the_ends(made) < 0.25  # it was 0.6 when its latents were scaled wrongly
 
 
 @pytest.mark.parametrize(("word", "channel"), [("red", 0), ("green", 1), ("blue", 2)])

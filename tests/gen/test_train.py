@@ -7,6 +7,7 @@ from torch import nn
 from cnca.errors import NonFiniteError, RunError
 from cnca.gen import architecture, corpus
 from cnca.gen.denoiser import GRID, ImagePrompt
+from cnca.gen.pipeline import load_pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
 from cnca.gen.train import train_generator
 from cnca.gen.train_scorer import train_scorer
@@ -71,6 +72,13 @@ def test_the_decoder_disregards_position_channels():
     assert (means[:, 4:] == 0).all()
 
 
+def test_the_wider_autoencoder_keeps_the_scale_of_its_latents():
+    """diffusers forgets what was set after an autoencoder was made, when another is made of it."""
+    vae = architecture.autoencoder()
+    vae.register_to_config(scaling_factor=0.8)
+    assert architecture.with_position_channels(vae).config["scaling_factor"] == 0.8
+
+
 def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
     options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1, 1, 1), "batch": 2}
     folder = train_generator(tmp_path, seed=1, **options)
@@ -82,6 +90,11 @@ def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
         torch.Generator().manual_seed(0),
     )
     assert picture.shape == (3, 256, 256)
+    vae, data = load_pipeline(folder).vae, corpus.prepare(tmp_path, count=4, seed=1)
+    pictures = torch.from_numpy(data.pictures.copy()).permute(0, 3, 1, 2) / 127.5 - 1.0
+    means = vae.encode(pictures).latent_dist.mean[:, : architecture.PICTURE_CHANNELS]
+    # half precision of weights and kept latents leaves three digits
+    assert (vae.config["scaling_factor"] * means).std() == pytest.approx(1.0, abs=5e-3)
 
 
 class Line(nn.Module):
