@@ -94,7 +94,7 @@ class AttackOptions:
     tokens: Annotated[
         int | None, typer.Option(help="Tokens of F_adv; by default 77, or 40 that are replaced.")
     ] = None
-    guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 4.0
+    guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 2.5
     gradient_steps: Annotated[
         int | None, typer.Option(help="Go back through the last K denoising steps; default all.")
     ] = None

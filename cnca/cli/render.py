@@ -86,7 +86,7 @@ def accuracy_generator(
     prompt: Annotated[str, typer.Option(help="What to paint.")] = "colorful camouflage",
     generator: Generator = None,
     feature: Annotated[str, typer.Option(help="concat or replace.")] = "concat",
-    guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 4.0,
+    guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 2.5,
     probes: Annotated[int, typer.Option(help="Gradients to average over.")] = 3,
     seed: Seed = 0,
 ) -> None:
