@@ -37,7 +37,10 @@ def refuse_black_boxes(targets: Sequence[Target]) -> None:
     """Raise DetectorError for a detector that gives no gradient."""
     for target in targets:
         if not target.detector.differentiable:
-            raise DetectorError(f"detector {target.name}: gives no gradient; use a .cfg model")
+            raise DetectorError(
+                f"detector {target.name}: gives no gradient, so it can only judge; attack a .cfg, "
+                "a folder of transformers or a torchvision model, then cnca evaluate --detector"
+            )
 
 
 def look(

@@ -34,7 +34,7 @@ from cnca.report import shown_views, write_report
 from cnca.scene.images import write_texture_srgb
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.variation import draw_views, draw_weathers, in_blocks
-from cnca.targets import Target, parse_targets
+from cnca.targets import Target, parse_targets, refuse_black_boxes
 
 HELD_OUT_SEED = 104_729
 """Added to a run's seed for the views that judge it: never those that trained it."""
@@ -99,7 +99,9 @@ def run(request: Request, console: Console) -> dict[str, Any]:
 
 
 def assemble(request: Request, scene: Scene) -> Attack:
-    """The parts of the attack that the request names."""
+    """The parts of the attack that the request names; raises DetectorError for black boxes."""
+    targets = build.build_targets(request.detectors)
+    refuse_black_boxes(targets)
     vehicle = build.build_vehicle(scene)
     paint = build.build_paint(scene, vehicle)
     return Attack(
@@ -109,7 +111,7 @@ def assemble(request: Request, scene: Scene) -> Attack:
         ),
         paint=paint,
         generator=build_generator(request),
-        targets=build.build_targets(request.detectors),
+        targets=targets,
         residual=build.build_residual(request.efr),
     )
 

@@ -17,8 +17,10 @@ from cnca.attack import checkpoint, run
 from cnca.attack.parts import Settings
 from cnca.detect import BUILTIN_CONFIG
 from cnca.detect.white_box import DarknetDetector
-from cnca.errors import NonFiniteError, RunError
+from cnca.errors import DetectorError, NonFiniteError, RunError
 from cnca.gen.feature import StoredFeature
+from cnca.targets import Target
+from tests.fakes import BrightnessDetector
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 
 SHIPPED = (
@@ -124,6 +126,14 @@ def test_a_resumed_run_keeps_its_kind_of_feature(request_for, monkeypatch):
     assert stored.kind == "replace"
     assert stored.feature.shape == (40, 128)
     assert 0 < stored.feature.abs().max() <= stored.tau
+
+
+def test_a_black_box_is_refused_before_anything_is_written(request_for, monkeypatch):
+    black = [Target("x.onnx", BrightnessDetector(), 0)]
+    monkeypatch.setattr(run.build, "build_targets", lambda names: black)
+    with pytest.raises(DetectorError, match="gives no gradient, so it can only judge"):
+        run.run(request_for("black"), quiet())
+    assert not request_for("black").out.exists()
 
 
 def test_a_read_only_folder_is_told_before_the_first_step(request_for, monkeypatch):
