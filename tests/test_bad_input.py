@@ -173,12 +173,18 @@ def test_optimize(complaint, scene, tmp_path, option, value, words):
         (("--scene", "{scene}", "--carla", "x", "--grid", "paper"), "frames have their own views"),
         (("--photos", "nowhere"), "--photos and --labels belong together"),
         (("--photos", "nowhere", "--labels", "l.json"), "no such folder"),
+        (("--photos", "p", "--labels", "l.json", "--texture", "a.png"), "judged as they are"),
     ],
 )
 def test_evaluate(complaint, scene, tmp_path, arguments, words):
     file = scene()
     filled = [argument.format(scene=file) for argument in arguments]
     assert words in complaint("evaluate", "--out", str(tmp_path / "out"), *filled)
+
+
+def test_commands_that_torchrun_does_not_divide(complaint, tmp_path, monkeypatch):
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "1")
+    assert "each process would do all of it" in complaint("gallery", "--out", str(tmp_path / "g"))
 
 
 def test_reorder_uv(complaint, tmp_path):

@@ -7,10 +7,17 @@ from typing import Annotated
 
 import typer
 
+from cnca.errors import RunError
+
 QUIET = "CNCA_QUIET"
 """Environment variable that silences progress bars; ``--quiet`` sets it."""
 MEMORY_BUDGET = "CNCA_MEMORY_BUDGET"
 """Environment variable that bounds the memory of rays; ``--memory-budget`` sets it."""
+
+LAUNCHED = "TORCHELASTIC_RUN_ID"
+"""Environment variable by which ``cnca.parallel`` knows torchrun."""
+DIVIDED = ("optimize", "evaluate", "render-dataset", "train-efr")
+"""Commands whose work torchrun's processes divide."""
 
 app = typer.Typer(
     name="cnca",
@@ -34,6 +41,7 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
@@ -55,6 +63,12 @@ def _options(
         ),
     ] = None,
 ) -> None:
+    command = context.invoked_subcommand
+    if LAUNCHED in os.environ and command not in DIVIDED:
+        raise RunError(
+            f"cnca {command} under torchrun: each process would do all of it; start it alone, "
+            f"torchrun divides {', '.join(DIVIDED)}"
+        )
     if memory_budget:
         os.environ[MEMORY_BUDGET] = memory_budget  # likewise in cnca.mi_bridge.memory
     if quiet:

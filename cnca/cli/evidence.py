@@ -10,6 +10,7 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.options import Generator, Samples, Seed
 from cnca.cli.run_file import Config
+from cnca.errors import RunError
 
 
 @app.command()
@@ -62,6 +63,11 @@ def evaluate(
 
     detectors = tuple(detector or ["builtin"])
     if photos is not None or labels is not None:
+        if scene or texture or prompt or carla:
+            raise RunError(
+                "--photos: photographs are judged as they are; leave out --scene, --texture, "
+                "--prompt and --carla, or --photos"
+            )
         terminal.photos(photos, labels, out, detectors, seed=seed, paper_figures=paper_figures)
         return
     terminal.evidence(
