@@ -1,4 +1,4 @@
-"""``cnca optimize`` with what ships: the run folder, and going on after an interruption."""
+"""``cnca optimize``, with a tiny generator: the run folder, going on after an interruption."""
 
 import errno
 import json
@@ -12,7 +12,6 @@ import pytest
 import torch
 from rich.console import Console
 
-from cnca import build
 from cnca.attack import checkpoint, run
 from cnca.attack.parts import Settings
 from cnca.detect import BUILTIN_CONFIG
@@ -23,13 +22,6 @@ from cnca.targets import Target
 from tests.fakes import BrightnessDetector
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 
-SHIPPED = (
-    build.SHIPPED_GENERATOR / "model_index.json",
-    BUILTIN_CONFIG.with_suffix(".safetensors"),
-)
-pytestmark = pytest.mark.skipif(
-    not all(path.exists() for path in SHIPPED), reason="the shipped weights are not there"
-)
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 64}
 variation: {distance: [6, 7], elevation: [10, 20]}
@@ -64,8 +56,13 @@ def one_thread():
     dr.set_thread_count(threads)
 
 
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory) -> Path:
+    return save_pipeline(tiny_pipeline(), tmp_path_factory.mktemp("tiny"))
+
+
 @pytest.fixture
-def request_for(tmp_path):
+def request_for(tiny, tmp_path):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
 
@@ -76,7 +73,8 @@ def request_for(tmp_path):
             "zebra strips", steps=steps, views_per_step=1, learning_rate=0.1, feature=feature
         )
         where = scene, ("builtin",), tmp_path / name
-        return run.Request(*where, settings, samples=2, held_out_views=4, resume=resume)
+        options = {"generator": tiny, "samples": 2, "held_out_views": 4}
+        return run.Request(*where, settings, **options, resume=resume)
 
     return make
 
@@ -146,7 +144,7 @@ def test_a_read_only_folder_is_told_before_the_first_step(request_for, monkeypat
         run.run(request_for("readonly"), quiet())
 
 
-def test_a_detector_that_returns_nan_once_is_told_and_survived(request_for, tmp_path, monkeypatch):
+def test_a_detector_that_returns_nan_once_is_told_and_survived(request_for, monkeypatch):
     calls, original = [], DarknetDetector.candidates
 
     def candidates(self, images):
@@ -155,8 +153,7 @@ def test_a_detector_that_returns_nan_once_is_told_and_survived(request_for, tmp_
         return replace(found, objectness=found.objectness * (math.nan if len(calls) == 2 else 1))
 
     monkeypatch.setattr(DarknetDetector, "candidates", candidates)
-    tiny = save_pipeline(tiny_pipeline(), tmp_path / "tiny")
-    request = replace(request_for("nan", steps=2), generator=tiny)
+    request = request_for("nan", steps=2)
     with pytest.raises(NonFiniteError, match=r"step 1 \(seed 1\): .* --resume tries this step"):
         run.run(request, quiet())
     run.run(replace(request, resume=True), quiet())
@@ -166,13 +163,9 @@ def test_a_detector_that_returns_nan_once_is_told_and_survived(request_for, tmp_
     assert StoredFeature.load(request.out / "F_adv.safetensors").feature.isfinite().all()
 
 
-def test_an_ensemble_is_judged_detector_by_detector(request_for, tmp_path):
+def test_an_ensemble_is_judged_detector_by_detector(request_for):
     twin = str(BUILTIN_CONFIG)
-    request = replace(
-        request_for("ensemble", steps=1),
-        detectors=("builtin", f"{twin}=0.5"),
-        generator=save_pipeline(tiny_pipeline(), tmp_path / "tiny"),
-    )
+    request = replace(request_for("ensemble", steps=1), detectors=("builtin", f"{twin}=0.5"))
     summary = run.run(request, quiet())
     check_summary(summary)
     assert summary["detector"] == "builtin"
