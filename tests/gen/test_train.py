@@ -72,6 +72,13 @@ def test_the_decoder_disregards_position_channels():
     assert (means[:, 4:] == 0).all()
 
 
+def test_the_tokenizer_numbers_letters_in_their_order():
+    """Its learner numbers the last letters of words by chance, anew in every process."""
+    vocabulary = architecture.word_pieces(["h c f a e b g d"]).get_vocab()
+    numbers = [vocabulary[f"{letter}</w>"] for letter in "abcdefgh"]
+    assert numbers == sorted(numbers)
+
+
 def test_the_wider_autoencoder_keeps_the_scale_of_its_latents():
     """diffusers forgets what was set after an autoencoder was made, when another is made of it."""
     vae = architecture.autoencoder()
