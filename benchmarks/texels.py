@@ -41,7 +41,12 @@ class Texels:
         return torch.zeros(0)
 
     def generate(
-        self, text_feature: Tensor, adversarial_feature: Tensor | None, generator: torch.Generator
+        self,
+        text_feature: Tensor,
+        adversarial_feature: Tensor | None,
+        generator: torch.Generator,
+        *,
+        together: bool = False,
     ) -> SrgbTexture:
         """The picture of ``side`` texels, enlarged."""
         assert adversarial_feature is not None

@@ -91,7 +91,8 @@ def optimize(
         seed = settings.seed * 1_000_003 + step
         boxes = attack.renderer.vehicle_boxes(views)
         with clock("generate"):
-            albedo = attack.paint.apply(attack.texture(text_feature, feature, settings.seed))
+            texture = attack.texture(text_feature, feature, settings.seed, together=True)
+            albedo = attack.paint.apply(texture)
         with clock("render"):
             images = attack.render(albedo, views, weather, seed)
         with clock("detect"):

@@ -1,7 +1,8 @@
 """One job in several processes that ``torchrun`` started; alone, nothing here does anything.
 
-In an attack each process looks at its share of a step's views; the gradients of F_adv are summed,
-and all take the same step.  Other jobs divide their pictures.  Only the first writes results.
+In an attack each process runs its branch of the denoiser and looks at its share of a step's views;
+the gradients of F_adv are summed, and all take the same step.  Other jobs divide their pictures.
+Only the first writes results.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from datetime import timedelta
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 import torch.distributed as dist
@@ -80,6 +81,39 @@ def add_up(*values: Tensor | None) -> None:
     for value in values:
         if count() > 1 and value is not None:
             dist.all_reduce(value.detach())
+
+
+class _Sum(torch.autograd.Function):
+    """Sum over all processes.  Each holds a part of the loss, so that gradients are summed too."""
+
+    @staticmethod
+    def forward(ctx: Any, value: Tensor) -> Tensor:
+        total = value.detach().to("cpu", copy=True)  # gloo carries what lies in main memory
+        dist.all_reduce(total)
+        return total.to(value)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        return _Sum.apply(gradient)
+
+
+def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
+    """What ``work`` makes of all ``pieces``, each process doing one of them; differentiable.
+
+    All processes call this at once, each with a loss of its own to come: the gradients that they
+    get are theirs to sum (:func:`add_up`).  Alone, ``work`` is given all pieces.
+
+    Args:
+        work: pieces → a tensor with a row for each, of equal shapes.
+    """
+    if count() == 1 or pieces == 1:
+        return work(slice(None))
+    own = rank() % pieces
+    alike = len(range(own, count(), pieces))
+    """Processes that do the same piece: each brings a part of it."""
+    part = work(slice(own, own + 1)) / alike
+    before, after = (part.new_zeros(k, *part.shape[1:]) for k in (own, pieces - own - 1))
+    return _Sum.apply(torch.cat([before, part, after]))
 
 
 def render(

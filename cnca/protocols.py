@@ -59,8 +59,14 @@ class TextureGenerator(Protocol):
         text_feature: Float[Tensor, "tokens width"],
         adversarial_feature: Float[Tensor, "extra width"] | None,
         generator: torch.Generator,
+        *,
+        together: bool = False,
     ) -> SrgbTexture:
-        """Return T2I([F_adv, F_txt]), differentiable in ``adversarial_feature``."""
+        """Return T2I([F_adv, F_txt]), differentiable in ``adversarial_feature``.
+
+        ``together`` promises that all processes of the job ask for the same texture at once, and
+        so may divide the work (:func:`cnca.parallel.divided`).
+        """
 
 
 @runtime_checkable

@@ -20,7 +20,7 @@ class GreyGenerator:
     def encode(self, prompt):
         return torch.zeros(2, 3)
 
-    def generate(self, text_feature, adversarial_feature, generator):
+    def generate(self, text_feature, adversarial_feature, generator, *, together=False):
         return adversarial_feature.sum().sigmoid().expand(3, 4, 4)
 
 

@@ -31,7 +31,7 @@ MAY_LOAD = {
     "cnca.protocols": LEAVES | PROTOCOLS,
     "cnca.scene": {"cnca.errors", "cnca.files"},
     "cnca.mi_bridge": LEAVES | PROTOCOLS | {"cnca.scene"},
-    "cnca.gen": LEAVES | PROTOCOLS,
+    "cnca.gen": LEAVES | PROTOCOLS | {"cnca.parallel"},
     "cnca.efr": LEAVES | PROTOCOLS | {"cnca.parallel"},
     "cnca.detect": LEAVES | PROTOCOLS,
     "cnca.cli": {"cnca.errors"},

@@ -16,6 +16,7 @@ from cnca.optimize import draw_pool
 from cnca.scene.schema import Scene
 from tests.attack_process import AttackProcess, result
 from tests.attack_rank import SETTINGS, run_rank
+from tests.gen.branches_rank import run_rank as run_branches
 
 TORCHRUN = [sys.executable, "-m", "torch.distributed.run", "--standalone"]
 
@@ -56,6 +57,21 @@ def test_two_processes_end_as_one(tmp_path, alone):
     launch(2, "tests.attack_rank", str(tmp_path))
     check(tmp_path, 2, alone)
     assert len(outcome(tmp_path, 1)[1]) == SETTINGS.steps
+
+
+@pytest.mark.parametrize("processes", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_the_branches_of_the_denoiser_are_divided(tmp_path, processes):
+    """Two of three processes run the same one."""
+    run_branches(tmp_path)
+    alone = torch.load(tmp_path / "rank0.pt", weights_only=True)
+    launch(processes, "tests.gen.branches_rank", str(tmp_path))
+    every = [torch.load(tmp_path / f"rank{k}.pt", weights_only=True) for k in range(processes)]
+    for name, expected in alone.items():
+        largest = float(expected.abs().max())
+        assert largest > 1e-3  # or nothing is compared
+        for own in every:
+            assert torch.equal(own[name], every[0][name])
+            torch.testing.assert_close(own[name], expected, rtol=0, atol=1e-5 * largest)
 
 
 @pytest.mark.slow

@@ -63,7 +63,8 @@ class Validation:
     def look(self, feature: Tensor) -> dict[str, Any]:
         """What the targets see of F_adv; the keys are those of :func:`cnca.targets.numbers`."""
         attack, settings = self.attack, self.settings
-        albedo = attack.paint.apply(attack.texture(self.text_feature, feature, settings.seed))
+        texture = attack.texture(self.text_feature, feature, settings.seed, together=True)
+        albedo = attack.paint.apply(texture)
         seen = torch.zeros(2, len(attack.targets))
         for k in parallel.share(range(WEATHERS)):
             views = self.views[k * VIEWS : (k + 1) * VIEWS]

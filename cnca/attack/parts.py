@@ -97,10 +97,15 @@ class Attack:
     """The detectors to fool, one or more."""
     residual: Residual | None = None
 
-    def texture(self, text_feature: Tensor, feature: Tensor, seed: int) -> SrgbTexture:
-        """T_adv for one F_adv; the initial noise belongs to the seed and never changes."""
+    def texture(
+        self, text_feature: Tensor, feature: Tensor, seed: int, *, together: bool = False
+    ) -> SrgbTexture:
+        """T_adv for one F_adv; the initial noise belongs to the seed and never changes.
+
+        ``together``: all processes of the job call this at once, and divide the work.
+        """
         noise = torch.Generator().manual_seed(seed)
-        return self.generator.generate(text_feature, feature, noise)
+        return self.generator.generate(text_feature, feature, noise, together=together)
 
     def render(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int

@@ -22,6 +22,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
+from cnca import parallel
 from cnca.errors import GeneratorError, NonFiniteError
 from cnca.gen import GUIDANCE
 from cnca.gen.feature import CONCAT, REPLACE, check_finite, check_kind, default_tokens
@@ -109,13 +110,16 @@ class DiffusionTextureGenerator:
         text_feature: TextFeature,
         adversarial_feature: Float[Tensor, "extra width"] | None,
         generator: torch.Generator,
+        *,
+        together: bool = False,
     ) -> SrgbTexture:
         """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size, size).
 
         ``generator`` draws the initial noise; the same state gives the same texture.  The texture
-        comes back to the device of ``text_feature``.
+        comes back to the device of ``text_feature``.  With ``together`` the processes of a job,
+        which all ask for this texture at once, divide the branches of the guidance.
         """
-        latents = self.sample(text_feature, adversarial_feature, generator)
+        latents = self.sample(text_feature, adversarial_feature, generator, together=together)
         return self._decode(latents).to(text_feature.device)
 
     def sample(
@@ -123,6 +127,8 @@ class DiffusionTextureGenerator:
         text_feature: TextFeature,
         adversarial_feature: Float[Tensor, "extra width"] | None,
         generator: torch.Generator,
+        *,
+        together: bool = False,
     ) -> Float[Tensor, "1 channels height width"]:
         """Return the latents x_0 from which :meth:`generate` decodes the texture."""
         condition = self._condition(text_feature, adversarial_feature)
@@ -130,7 +136,7 @@ class DiffusionTextureGenerator:
         latents = self._initial_noise(generator).to(condition)
         timesteps = self._pipeline.scheduler.timesteps
         first_with_gradient = len(timesteps) - self._gradient_steps
-        step = self._ddim_step
+        step = partial(self._ddim_step, together=together)
         if self._gradient_checkpointing:
             step = partial(checkpoint, step, use_reentrant=False)
         for i, t in enumerate(timesteps):
@@ -167,17 +173,29 @@ class DiffusionTextureGenerator:
         latents: Float[Tensor, "1 channels height width"],
         t: Tensor,
         condition: Float[Tensor, "branches tokens width"],
+        *,
+        together: bool,
     ) -> Float[Tensor, "1 channels height width"]:
         """x_t → x_{t−1}, deterministic."""
-        unet, scheduler = self._pipeline.unet, self._pipeline.scheduler
-        same = latents.expand(len(condition), -1, -1, -1)
-        with torch.autocast(same.device.type, self._half, enabled=self._half is not None):
-            predicted = unet(same, t, encoder_hidden_states=condition, return_dict=False)[0]
-        predicted = predicted.to(latents)
+        predict = partial(self._predict, latents, t, condition)
+        predicted = parallel.divided(predict, len(condition)) if together else predict(slice(None))
         if self._guidance > 1.0:
             without, with_text = predicted.chunk(2)
             predicted = without + self._guidance * (with_text - without)
+        scheduler = self._pipeline.scheduler
         return scheduler.step(predicted, t, latents, eta=0.0, return_dict=False)[0]
+
+    def _predict(
+        self, latents: Tensor, t: Tensor, condition: Tensor, branches: slice
+    ) -> Float[Tensor, "branches channels height width"]:
+        """What the U-Net predicts of x_t in some of the branches."""
+        condition = condition[branches]
+        same = latents.expand(len(condition), -1, -1, -1)
+        with torch.autocast(same.device.type, self._half, enabled=self._half is not None):
+            predicted = self._pipeline.unet(
+                same, t, encoder_hidden_states=condition, return_dict=False
+            )[0]
+        return predicted.to(latents)
 
     def _decode(self, latents: Float[Tensor, "1 channels height width"]) -> SrgbTexture:
         vae = self._pipeline.vae

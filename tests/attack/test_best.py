@@ -18,7 +18,7 @@ from tests.fake_attack import GreyGenerator, attack
 class Valley(GreyGenerator):
     """Darkest where F_adv sums to −0.5; signed steps of 0.6 in all jump to and fro across it."""
 
-    def generate(self, text_feature, adversarial_feature, generator):
+    def generate(self, text_feature, adversarial_feature, generator, *, together=False):
         return ((adversarial_feature.sum() + 0.5) ** 2).clamp(0, 1).expand(3, 4, 4)
 
 

@@ -1,0 +1,39 @@
+"""One of the processes that divide a denoiser's branches: texture and gradient, as a file.
+
+    python -m torch.distributed.run --nproc-per-node 2 -m tests.gen.branches_rank FOLDER
+
+The loss is a weighted sum of texels, of which each process has its share, as of an attack's views.
+"""
+
+import sys
+from pathlib import Path
+
+import torch
+
+from cnca import parallel
+from cnca.gen import feature
+from cnca.gen.sampling import DiffusionTextureGenerator
+from tests.gen.tiny import tiny_pipeline
+
+
+def run_rank(folder: Path) -> None:
+    torch.set_num_threads(1)
+    content: dict[str, torch.Tensor] = {}
+    for kind in feature.KINDS:
+        for last in (4, 2):
+            generator = DiffusionTextureGenerator(
+                tiny_pipeline(), feature=kind, tokens=2, steps=4, guidance=3.0, gradient_steps=last
+            )
+            seeded = torch.Generator().manual_seed(3)
+            extra = torch.randn(generator.feature_shape, generator=seeded).requires_grad_()
+            texture = generator.generate(generator.encode("zebra"), extra, seeded, together=True)
+            weights = torch.randn(texture.shape, generator=seeded)
+            parallel.share(weights * texture).sum().backward()
+            parallel.add_up(extra.grad)
+            content |= {f"{kind} {last}": texture.detach(), f"{kind} {last} gradient": extra.grad}
+    torch.save(content, folder / f"rank{parallel.rank()}.pt")
+
+
+if __name__ == "__main__":
+    with parallel.joined():
+        run_rank(Path(sys.argv[1]))
