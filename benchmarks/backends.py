@@ -179,7 +179,7 @@ def measure(bench: Bench, row: Row, residual: Residual | None) -> Measured:
         cpu, wall = time.process_time(), time.perf_counter()
         images = loop.render(albedo, bench.views, bench.weather, seed=repeat)
         if residual is not None:
-            images = residual(images, loop.reference(bench.views, bench.weather))
+            images = residual(images, loop.reference(bench.views, bench.weather, seed=repeat))
         (images * bench.adjoint).sum().backward()
         spent = time.process_time() - cpu, time.perf_counter() - wall
         seconds.append((spent[0] / VIEWS, spent[1] / VIEWS))
@@ -199,8 +199,8 @@ def cells(bench: Bench, row: Row, found: Measured) -> list[str]:
         f"{error:.1%}",
         f"{cosine:.3f}",
         f"{change:.3f}",
-        f"{cpu:.3f}",
-        f"{wall:.3f}",
+        f"{cpu:.4f}",
+        f"{wall:.4f}",
         f"{found.seconds[0][0]:.1f}",
         f"{found.megabytes:.1f}" if found.megabytes is not None else "–",
     ]

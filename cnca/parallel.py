@@ -19,10 +19,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from cnca.protocols import Renderer
 from cnca.scene.cameras import View
-from cnca.scene.weather import Weather
-from cnca.types import LinearImages, LinearTexture
 
 LAUNCHED = "TORCHELASTIC_RUN_ID"
 """Set by torchrun."""
@@ -116,19 +113,16 @@ def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
     return _Sum.apply(torch.cat([before, part, after]))
 
 
-def render(
-    renderer: Renderer, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
-) -> LinearImages:
-    """``renderer.render``; under torchrun with noise that belongs to the view alone.
+def calls(views: Sequence[View], seed: int) -> list[tuple[Sequence[View], int]]:
+    """The views that are rendered in one call each, with its seed.
 
-    In one call the noise of a view depends on the views beside it, and so on the number of
-    processes.  One call each takes longer where pictures are small.
+    Alone, all together.  But in one call the noise of a view depends on the views beside it, and so
+    on the number of processes: under torchrun each has a call, and noise, of its own.  That takes
+    longer where pictures are small.
     """
     if not dist.is_initialized():
-        return renderer.render(albedo, views, weather, seed=seed)
-    seeds = [seed + zlib.crc32(repr(view).encode()) for view in views]
-    pairs = zip(views, seeds, strict=True)
-    return torch.cat([renderer.render(albedo, [view], weather, seed=own) for view, own in pairs])
+        return [(views, seed)]
+    return [([view], seed + zlib.crc32(repr(view).encode())) for view in views]
 
 
 def by_first(work: Callable[[], Result]) -> Result:

@@ -40,8 +40,13 @@ class Renderer(Protocol):
 class LoopRenderer(Renderer, Protocol):
     """A renderer that comes back to its views, and keeps what a residual needs of them."""
 
-    def reference(self, views: Sequence[View], weather: Weather) -> PlainPictures:
-        """Return the same pictures with the plain paint: X_ref, and as ``render`` draws it."""
+    def reference(
+        self, views: Sequence[View], weather: Weather, *, seed: int
+    ) -> list[PlainPictures]:
+        """Return each view with the plain paint: X_ref, and as ``render`` draws it with ``seed``.
+
+        Where nothing depends on the seed, a view that comes back gets the very same object.
+        """
 
 
 @runtime_checkable
@@ -73,8 +78,8 @@ class TextureGenerator(Protocol):
 class Residual(Protocol):
     """Corrects rendered images (the paper's EFR); the identity when absent."""
 
-    def __call__(self, images: LinearImages, reference: PlainPictures) -> LinearImages:
-        """Return corrected images of the same shape."""
+    def __call__(self, images: LinearImages, references: Sequence[PlainPictures]) -> LinearImages:
+        """Return corrected images of the same shape, each by its own reference."""
 
 
 @runtime_checkable

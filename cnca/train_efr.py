@@ -68,20 +68,20 @@ class Studio:
         shading = TracedShading(self._kept, TRUTH_SAMPLES, seed=TRUTH_SEED)
         truth = LookupRenderer(self._kept, shading)
         renders, truths = (
-            torch.cat(
-                [each.render(a, [view], weather, seed=seed + i) for i, a in enumerate(albedos)]
-            )
+            torch.cat([each.render(albedo, [view], weather, seed=seed) for albedo in albedos])
             for each in (self._loop, truth)
         )
-        return self._cut_out(view, weather, renders, truths)
+        return self._cut_out(view, weather, renders, truths, seed=seed)
 
     @torch.no_grad()
     def photograph(self, view: View, weather: Weather, photograph: Tensor) -> Shot:
         """One view in the plain paint, the truth a linear photograph (3, height, width)."""
         render = self._loop.render(self._paint.apply(), [view], weather, seed=0)
-        return self._cut_out(view, weather, render, photograph[None])
+        return self._cut_out(view, weather, render, photograph[None], seed=0)
 
-    def _cut_out(self, view: View, weather: Weather, renders: Tensor, truths: Tensor) -> Shot:
+    def _cut_out(
+        self, view: View, weather: Weather, renders: Tensor, truths: Tensor, *, seed: int
+    ) -> Shot:
         """The part of all pictures that the vehicle touches."""
         mask = torch.zeros(view.height * view.width)
         mask[self._kept.background(view, weather).pixels] = 1
@@ -92,7 +92,7 @@ class Studio:
             slice(int(rows[0]), int(rows[-1]) + 1),
             slice(int(columns[0]), int(columns[-1]) + 1),
         )
-        plain = self._loop.reference([view], weather)
+        (plain,) = self._loop.reference([view], weather, seed=seed)
         each = (plain.traced, plain.drawn, renders, truths, mask)
         traced, drawn, *others = (picture[part].clone() for picture in each)
         return Shot(PlainPictures(traced, drawn), *others)

@@ -66,9 +66,9 @@ class Detections:
         return Detections(self.boxes[keep], self.scores[keep], self.labels[keep])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlainPictures:
-    """The vehicle in its plain paint, in some views of one weather, without gradient."""
+    """The vehicle in its plain paint, in one view, without gradient; batches of one."""
 
     traced: LinearImages
     """X_ref: path-traced, clean, over the same backgrounds."""

@@ -59,7 +59,7 @@ def test_the_shipped_efr_brings_raster_nearer_to_the_path_tracer_in_fog():
     albedo = paint.apply(controls.random_blocks(size, torch.Generator().manual_seed(3)))
     with torch.no_grad():
         drawn = raster.render(albedo, [view], weather, seed=0)
-        corrected = residual(drawn, raster.reference([view], weather))
+        corrected = residual(drawn, raster.reference([view], weather, seed=0))
         tracer = build.build_renderer(scene, vehicle, samples=64)
         assert isinstance(tracer, MitsubaRenderer)
         truth = tracer.render(albedo, [view], weather, seed=1)

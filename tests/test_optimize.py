@@ -108,18 +108,18 @@ def test_an_interrupted_run_ends_as_if_it_had_not_been():
 
 def test_the_residual_is_given_render_and_reference():
     class Loop(FlatRenderer):
-        def reference(self, views, weather):
-            return torch.full((len(views), 3, 8, 8), 0.25)
+        def reference(self, views, weather, *, seed):
+            return [(view, seed) for view in views]
 
     calls = []
     corrected = replace(
         attack(), renderer=Loop(), residual=lambda *pair: calls.append(pair) or 2 * pair[0]
     )
     albedo = torch.full((3, 4, 4), 0.3)
-    images = corrected.render(albedo, [None], None, seed=0)
+    images = corrected.render(albedo, [None], None, seed=4)
     assert torch.equal(images, 2 * calls[0][0])
     assert (calls[0][0] == 0.3).all()
-    assert (calls[0][1] == 0.25).all()
+    assert calls[0][1] == [(None, 4)]
 
 
 def test_black_boxes_are_refused():

@@ -46,7 +46,7 @@ def test_from_renders(call, tmp_path):
     residual = build.build_residual(tmp_path / "efr.safetensors")
     images = torch.rand(1, 3, 9, 9)
     plain = PlainPictures(images + 0.1, images)
-    assert residual(images, plain).shape == images.shape
+    assert residual(images, [plain]).shape == images.shape
     assert 0 <= report["worse"] <= 1
 
 

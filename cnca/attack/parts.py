@@ -111,11 +111,17 @@ class Attack:
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
     ) -> LinearImages:
         """The images that the detector sees, corrected by the residual where there is one."""
-        images = parallel.render(self.renderer, albedo, views, weather, seed=seed)
+        each = parallel.calls(views, seed)
+        return torch.cat([self._draw(albedo, some, weather, own) for some, own in each])
+
+    def _draw(
+        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
+    ) -> LinearImages:
+        images = self.renderer.render(albedo, views, weather, seed=seed)
         if self.residual is None:
             return images
         assert isinstance(self.renderer, LoopRenderer)
-        return self.residual(images, self.renderer.reference(views, weather))
+        return self.residual(images, self.renderer.reference(views, weather, seed=seed))
 
 
 def prompt_texture(generator: TextureGenerator, prompt: str, seed: int) -> SrgbTexture:

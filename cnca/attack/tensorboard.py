@@ -29,8 +29,17 @@ def logging_to(folder: Path, step: int) -> Iterator[Log]:
     with need_tensorboard().SummaryWriter(str(folder), purge_step=step + 1) as writer:
 
         def log(record: dict[str, Any]) -> None:
-            for name, value in record.items():
-                if name != "step" and isinstance(value, int | float):
+            for name, value in scalars(record):
+                if name != "step":
                     writer.add_scalar(name.replace("seconds_", "seconds/"), value, record["step"])
 
         yield log
+
+
+def scalars(record: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
+    """All numbers, with the names of the dictionaries that they lie in before their own."""
+    for name, value in record.items():
+        if isinstance(value, dict):
+            yield from scalars(value, f"{prefix}{name}/")
+        elif isinstance(value, int | float):
+            yield prefix + name, value

@@ -20,7 +20,7 @@ from cnca.types import LinearImages, PlainPictures
 LEARNING_RATE, EPOCHS = 0.01, 20
 """The paper's (section 4.1); ours falls to 0 along half a cosine."""
 GAIN_RATE = 0.1
-"""For the gain of what the renderer leaves out: three numbers that all pixels agree on."""
+"""For the gains of what the renderer leaves out: six numbers that all pixels agree on."""
 HALF_LEVEL = 0.5 / 255
 """Display values nearer to 0 or 1 count as that: there the cross-entropy's slope is endless."""
 
@@ -30,7 +30,7 @@ class Shot:
     """One view in one weather with several textures; linear, cut out around the vehicle."""
 
     plain: PlainPictures
-    """X_ref, and X_nr of its paint; one picture each."""
+    """X_ref, and X_nr of its paint."""
     renders: LinearImages
     """X_nr of each texture."""
     truths: LinearImages
@@ -73,11 +73,9 @@ def train(
     """
     torch.manual_seed(seed)
     network = EnvironmentFeatureRenderer()
-    maps = [p for name, p in network.named_parameters() if name != "left_out"]
-    groups: list[dict[str, Any]] = [
-        {"params": maps},
-        {"params": [network.left_out], "lr": GAIN_RATE},
-    ]
+    gains = [network.left_out, network.slope]
+    maps = [p for module in (network.down, network.up, network.maps) for p in module.parameters()]
+    groups: list[dict[str, Any]] = [{"params": maps}, {"params": gains, "lr": GAIN_RATE}]
     optimizer = torch.optim.Adam(groups, lr=LEARNING_RATE)
     rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * len(shots))
     chance = torch.Generator().manual_seed(seed)
@@ -126,9 +124,7 @@ def _share(shot: Shot) -> tuple[Shot, float]:
 
 
 def _corrected(network: EnvironmentFeatureRenderer, shot: Shot) -> LinearImages:
-    each = (picture.expand_as(shot.renders) for picture in (shot.plain.traced, shot.plain.drawn))
-    corrected: Tensor = network(shot.renders, PlainPictures(*each))
-    return corrected
+    return network.correction(shot.plain)(shot.renders)
 
 
 def _loss(corrected: LinearImages, shot: Shot) -> Tensor:

@@ -1,26 +1,38 @@
 """The EFR network (paper, section 3.2, after DTA): a U-Net that corrects a render.
 
-It reads the reference X_ref and the render X_nr and gives a multiplicative and an additive map.
+It reads the reference X_ref, which is path-traced, and X_nr0, what the renderer makes of the
+reference's own paint, and gives a multiplicative and an additive map.  Light adds up: at a pixel
 
-Two things are ours.  The paper masks the vehicle out before and adds the background after; here all
-pictures show the same background: what is equal in them stays as it is, and the network works on
-the part of the picture around the rest.  And it sees X_nr0, what the renderer makes of the
-reference's own paint.  Light adds up: if the renderer errs by a factor 1 + M in the light that
-paint scatters and leaves out all gloss, the truth is exactly X_ref + (1 + M) (X_nr − X_nr0).  So
+    X_ref = k · X_nr0 + s,        the truth of any other paint = k · X_nr + s,
 
-    X_ren = X_nr + g (X_ref − X_nr0) + M (X_nr − X_nr0) + A,
+k how much more light the paint scatters than the renderer believes, s what reaches the camera
+without the paint's colour: gloss, and fog in between.  So one pair of pictures tells the correction
+of all paints, and the paper's net, which also reads X_nr, would have to unlearn it:
 
-g a trained number for each colour, M and A the network's maps.  All are zero before training: it
-starts as the identity.
+    X_ren = (1 + M) X_nr + A,    M = v (k̂ − 1) + m,    A = g (X_ref − X_nr0) − M X_nr0 + a.
+
+m and a are the network's maps, v and g trained numbers for each colour, all zero before training:
+it starts as the identity.  k̂ is the closed form for grey gloss: the slope of X_ref over X_nr0
+across a pixel's three colours (the dichromatic reflection model, Shafer 1985).  A grey paint tells
+nothing of k; there a prior pulls k̂ to 1.
+
+Also ours: the paper masks the vehicle out before and adds the background after; here all pictures
+show the same background: what is equal in them stays as it is, and the network works on the part of
+the picture around the rest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import EllipsisType
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
@@ -30,12 +42,56 @@ from cnca.files import replacing
 from cnca.types import LinearImages, PlainPictures
 
 WIDTHS = (16, 32, 32)
+CHANNELS = 7
+"""Of what the network reads: X_ref, X_nr0 and k̂."""
 FOLD = 2
 """Pixels of a side that the network sees as channels of one: a quarter of the work."""
 GROUPS = 4
 """Of channels, each normalized by itself."""
 DARKEST = 1e-2
 """Added below the logarithm that turns ratios of pictures into differences."""
+PRIOR = 1e-3
+"""Weight of k̂ = 1 beside a pixel's colours: their variance where both count alike."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """X_ren = gain · X_nr + offset in the part of one view that holds the vehicle."""
+
+    part: tuple[EllipsisType, slice, slice]
+    """Rows and columns; elsewhere nothing is corrected."""
+    gain: LinearImages
+    offset: LinearImages
+
+    def __call__(self, images: LinearImages) -> LinearImages:
+        """X_ren, ≥ 0, of one image or several in this view; differentiable in the maps, too."""
+        corrected = images.clone()
+        corrected[self.part] = torch.addcmul(self.offset, self.gain, images[self.part]).clamp(min=0)
+        return corrected
+
+
+class _Corrected(torch.autograd.Function):
+    """Images, each with its own correction, whose maps are fixed.
+
+    Autograd itself would copy whole pictures several times for the part that changes.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, images: Tensor, corrections: Sequence[Correction]) -> Tensor:
+        pairs = zip(images.split(1), corrections, strict=True)
+        corrected = torch.cat([correction(image) for image, correction in pairs])
+        ctx.save_for_backward(corrected)
+        ctx.corrections = corrections
+        return corrected
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
+        (corrected,) = ctx.saved_tensors
+        gradient = gradients[0].clone()
+        for k, correction in enumerate(ctx.corrections):
+            part = k, *correction.part
+            gradient[part] *= correction.gain[0] * (corrected[part] > 0)
+        return gradient, None
 
 
 class EnvironmentFeatureRenderer(nn.Module):
@@ -43,41 +99,51 @@ class EnvironmentFeatureRenderer(nn.Module):
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS):
         super().__init__()
-        inputs = (9 * FOLD**2, *widths[:-1])
+        inputs = (CHANNELS * FOLD**2, *widths[:-1])
         self.down = nn.ModuleList(_block(i, o) for i, o in zip(inputs, widths, strict=True))
         pairs = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.up = nn.ModuleList(_block(deep + skip, skip) for deep, skip in pairs)
         self.maps = nn.Conv2d(widths[0], 6 * FOLD**2, kernel_size=1)
-        self.left_out = nn.Parameter(torch.zeros(3, 1, 1))
+        self.left_out = nn.Parameter(torch.zeros(3, 1, 1))  # g
+        self.slope = nn.Parameter(torch.zeros(3, 1, 1))  # v
         for parameter in self.maps.parameters():
             nn.init.zeros_(parameter)
+        self._kept: WeakKeyDictionary[PlainPictures, Correction] = WeakKeyDictionary()
 
-    def forward(self, images: LinearImages, reference: PlainPictures) -> LinearImages:
-        """Return X_ren, ≥ 0; differentiable in ``images``.
+    def forward(self, images: LinearImages, references: Sequence[PlainPictures]) -> LinearImages:
+        """Return X_ren, ≥ 0, of each image with its reference; differentiable in ``images``.
 
-        Each picture is cut to its own vehicle: the norms would mix in what else is there.
+        Once trained, a reference's correction is kept as long as the reference itself is.
         """
-        pictures = images, reference.traced, reference.drawn
-        each = zip(*(picture.split(1) for picture in pictures), strict=True)
-        return torch.cat([self._one(*cut) for cut in each])
+        corrections = [self.correction(reference) for reference in references]
+        if not self.training:
+            return _Corrected.apply(images, corrections)
+        pairs = zip(images.split(1), corrections, strict=True)
+        return torch.cat([correction(image) for image, correction in pairs])
 
-    def _one(self, image: LinearImages, traced: LinearImages, drawn: LinearImages) -> LinearImages:
-        """X_ren of a batch of one."""
-        vehicle = (image != traced).any(dim=1, keepdim=True)
-        if not vehicle.any():
-            return image
+    def correction(self, reference: PlainPictures) -> Correction:
+        """What turns this view's renders into X_ren, in whichever paint."""
+        if not self.training and reference in self._kept:
+            return self._kept[reference]
+        correction = self._correction(reference.traced, reference.drawn)
+        if not self.training:
+            self._kept[reference] = correction
+        return correction
+
+    def _correction(self, traced: LinearImages, drawn: LinearImages) -> Correction:
+        vehicle = (traced != drawn).any(dim=1, keepdim=True)
         part = (..., _extent(vehicle.any(dim=3)), _extent(vehicle.any(dim=2)))
-        corrected = image.clone()
-        cut = image[part], traced[part], drawn[part]
-        corrected[part] = torch.where(vehicle[part], self._correct(*cut).clamp(min=0), cut[0])
-        return corrected
+        vehicle, traced, drawn = vehicle[part], traced[part], drawn[part]
+        if not vehicle.any():
+            return Correction(part, traced, drawn)
+        slope = paint_slope(traced, drawn)
+        multiply, add = self._maps(traced, drawn, slope).chunk(2, dim=1)
+        multiply = self.slope * (slope - 1) + multiply
+        add = self.left_out * (traced - drawn) - multiply * drawn + add
+        return Correction(part, torch.where(vehicle, 1 + multiply, 1), torch.where(vehicle, add, 0))
 
-    def _correct(self, images: LinearImages, traced: LinearImages, drawn: LinearImages) -> Tensor:
-        multiply, add = self._maps(images, traced, drawn).chunk(2, dim=1)
-        return images + self.left_out * (traced - drawn) + multiply * (images - drawn) + add
-
-    def _maps(self, *pictures: LinearImages) -> Tensor:
-        """M and A, one after the other (batch, 6, height, width)."""
+    def _maps(self, *pictures: Tensor) -> Float[Tensor, "1 6 height width"]:
+        """The network's m and a, one after the other."""
         height, width = pictures[0].shape[-2:]
         both = (torch.cat(pictures, dim=1).clamp(min=0) + DARKEST).log()
         both = F.pad(both, (0, -width % FOLD, 0, -height % FOLD), mode="replicate")
@@ -108,6 +174,14 @@ class EnvironmentFeatureRenderer(nn.Module):
         return network.eval().requires_grad_(False)
 
 
+def paint_slope(traced: LinearImages, drawn: LinearImages) -> Float[Tensor, "batch 1 height width"]:
+    """k̂: the regression of X_ref on X_nr0 over a pixel's colours, 1 where these are all alike."""
+    off_traced, off_drawn = (p - p.mean(dim=1, keepdim=True) for p in (traced, drawn))
+    together = (off_traced * off_drawn).mean(dim=1, keepdim=True)
+    alone = off_drawn.square().mean(dim=1, keepdim=True)
+    return (together + PRIOR) / (alone + PRIOR)
+
+
 def weighted_bce(corrected: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
     """L_EFR = W(X_ref) · BCE(X_ren, GT) with W = H · W / S (paper, equation 10).
 
@@ -123,9 +197,9 @@ def weighted_bce(corrected: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
 
 
 def _extent(covered: Bool[Tensor, "1 1 positions"]) -> slice:
-    """The positions from the first to the last that are covered."""
+    """The positions from the first to the last that are covered; none where none is."""
     places = covered.flatten().nonzero()
-    return slice(int(places[0]), int(places[-1]) + 1)
+    return slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0)
 
 
 def _block(inputs: int, outputs: int) -> nn.Sequential:

@@ -68,25 +68,32 @@ class KeptBackgrounds:
         return torch.stack([self._boxes[view] for view in views])
 
     @torch.no_grad()
-    def reference(self, views: Sequence[View], weather: Weather) -> PlainPictures:
-        """The vehicle in its plain paint; what is drawn of it has X_ref as its expectation."""
-        for view in views:
-            if (view, weather) not in self._references:
-                kept = self.background(view, weather)
-                vehicle = self.renderer.render_pixels(
-                    self.plain,
-                    [view],
-                    weather,
-                    kept.pixels,
-                    seed=BACKGROUND_SEED,
-                    samples=REFERENCE_SAMPLES,
-                )
-                image = kept.image.permute(1, 2, 0).reshape(-1, 3)
-                image = image.index_copy(0, torch.from_numpy(kept.pixels), vehicle)
-                image = image.reshape(*kept.image.shape[1:], 3).permute(2, 0, 1)
-                self._references[view, weather] = image
-        traced = torch.stack([self._references[view, weather] for view in views])
-        return PlainPictures(traced, drawn=traced)
+    def reference(
+        self, views: Sequence[View], weather: Weather, *, seed: int
+    ) -> list[PlainPictures]:
+        """The vehicle in its plain paint, with the noise of :meth:`render` and without it."""
+        drawn = self.render(self.plain, views, weather, seed=seed).split(1)
+        traced = [self.traced(view, weather) for view in views]
+        return [PlainPictures(*pair) for pair in zip(traced, drawn, strict=True)]
+
+    @torch.no_grad()
+    def traced(self, view: View, weather: Weather) -> LinearImages:
+        """X_ref, a batch of one: the vehicle in its plain paint by many rays, kept."""
+        if (view, weather) not in self._references:
+            kept = self.background(view, weather)
+            vehicle = self.renderer.render_pixels(
+                self.plain,
+                [view],
+                weather,
+                kept.pixels,
+                seed=BACKGROUND_SEED,
+                samples=REFERENCE_SAMPLES,
+            )
+            image = kept.image.permute(1, 2, 0).reshape(-1, 3)
+            image = image.index_copy(0, torch.from_numpy(kept.pixels), vehicle)
+            image = image.reshape(1, *kept.image.shape[1:], 3).permute(0, 3, 1, 2)
+            self._references[view, weather] = image
+        return self._references[view, weather]
 
     @property
     def megabytes(self) -> float:

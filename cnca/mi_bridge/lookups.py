@@ -24,13 +24,14 @@ class _Kept:
     picture: AffinePicture
     calls: int = 0
     """Renders that it has served."""
-    plain: LinearImages | None = None
-    """Drawn in the plain paint, once a residual asks for it."""
+    plain: PlainPictures | None = None
+    """Made once a residual asks for it."""
 
     @property
     def megabytes(self) -> float:
         """Memory that it takes."""
-        return self.picture.megabytes + (0 if self.plain is None else self.plain.nbytes / 1e6)
+        drawn = 0 if self.plain is None else self.plain.drawn.nbytes
+        return self.picture.megabytes + drawn / 1e6
 
 
 class LookupRenderer:
@@ -72,16 +73,19 @@ class LookupRenderer:
         """Bounding boxes (views, 4), xyxy in pixels; see :class:`KeptBackgrounds`."""
         return self.kept.vehicle_boxes(views)
 
+    def reference(
+        self, views: Sequence[View], weather: Weather, *, seed: int
+    ) -> list[PlainPictures]:
+        """The plain paint, path-traced and as :meth:`render` draws it; both are kept."""
+        return [self._plain(view, weather) for view in views]
+
     @torch.no_grad()
-    def reference(self, views: Sequence[View], weather: Weather) -> PlainPictures:
-        """The plain paint, path-traced and as :meth:`render` draws it, from what is kept."""
-        drawn = []
-        for view in views:
-            kept = self._shaded(view, weather)
-            if kept.plain is None:
-                kept.plain = self._draw(self.kept.plain, [kept.picture], view)
-            drawn.append(kept.plain)
-        return PlainPictures(self.kept.reference(views, weather).traced, torch.cat(drawn))
+    def _plain(self, view: View, weather: Weather) -> PlainPictures:
+        kept = self._shaded(view, weather)
+        if kept.plain is None:
+            drawn = self._draw(self.kept.plain, [kept.picture], view)
+            kept.plain = PlainPictures(self.kept.traced(view, weather), drawn)
+        return kept.plain
 
     def picture(self, view: View, weather: Weather, albedo: LinearTexture) -> AffinePicture:
         """What is kept of one view, shaded now if it never was, or too long ago."""

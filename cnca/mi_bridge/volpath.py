@@ -116,6 +116,7 @@ def mitsuba_picture(
     Raises:
         NonFiniteError: some pixels hold NaN or infinity.
     """
+    seed &= 0xFFFFFFFF
     ray, _ = cameras.rays(samples, dr.opaque(mi.UInt32, seed))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(mi.UInt32(seed), cameras.lanes(samples))

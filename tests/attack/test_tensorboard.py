@@ -13,13 +13,13 @@ def test_scalars_come_back_and_what_a_resumed_run_repeats_is_dropped(tmp_path):
     pytest.importorskip("tensorboard")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    record = {"loss_adv": 0.5, "targets": {"builtin": {}}, "seconds_render": 2.0}
+    record = {"loss_adv": 0.5, "targets": {"builtin": {"D_s": 0.75}}, "seconds_render": 2.0}
     for done, steps in ((0, (1, 2, 3)), (1, (2,))):
         with logging_to(tmp_path, done) as log:
             for step in steps:
                 log({**record, "step": step, "loss_adv": step + done / 4})
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert set(events.Tags()["scalars"]) == {"loss_adv", "seconds/render"}
+    assert set(events.Tags()["scalars"]) == {"loss_adv", "seconds/render", "targets/builtin/D_s"}
     assert [(e.step, e.value) for e in events.Scalars("loss_adv")] == [(1, 1.0), (2, 2.25)]
 
 

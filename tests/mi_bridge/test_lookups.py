@@ -111,16 +111,16 @@ def test_cached_gradients_point_where_the_path_tracers_do(renderer, weather):
 def test_the_reference_shares_the_background_of_every_picture(renderer):
     """So that an EFR sees by it where the vehicle is."""
     kept, view = KeptBackgrounds(renderer, PLAIN), orbit(distance=6.0, width=32, height=32)
-    reference = kept.reference([view], Weather()).traced
+    reference = kept.traced(view, Weather())
     vehicle = torch.from_numpy(renderer.vehicle_mask([view]) > 0)[:, None].expand_as(reference)
     shadings = PlainShading(kept), TracedShading(kept, 16)
     for loop in (kept, *(LookupRenderer(kept, shading) for shading in shadings)):
         assert isinstance(loop, LoopRenderer)
-        plain = loop.reference([view], Weather())
+        (plain,) = loop.reference([view], Weather(), seed=0)
         assert torch.equal(plain.traced, reference)
-        if loop is not kept:
-            drawn = loop.render(PLAIN, [view], Weather(), seed=0)
-            assert torch.equal(plain.drawn, drawn)
+        assert torch.equal(plain.drawn, loop.render(PLAIN, [view], Weather(), seed=0))
+        (again,) = loop.reference([view], Weather(), seed=0)
+        assert (again is plain) == (loop is not kept)
         image = loop.render(texture(), [view], Weather(), seed=1)
         assert torch.equal(image[~vehicle], reference[~vehicle])
         assert (image != reference)[vehicle].float().mean() > 0.9
