@@ -5,7 +5,7 @@
 
 writes the tables of docs/backends.md, which says what the columns mean.  Held-out views of each
 scene show a pattern that no EFR was trained on; the reference is the path tracer in two independent
-halves.  Both kinds of seconds are of a render with its backward pass, the fastest of three.
+halves.  Both kinds of seconds are of a render with its backward pass, the fastest of nine.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from cnca.gen import textures
 from cnca.loss import detection_loss
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
+from cnca.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.protocols import Detector, LoopRenderer, Residual
 from cnca.scene.cameras import View
 from cnca.scene.schema import load_scene
@@ -38,7 +39,7 @@ from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
 from cnca.scores import detection_score
 
-VIEWS, REPEATS = 4, 3
+VIEWS, REPEATS = 4, 9
 REFERENCE_SAMPLES, REFERENCE_SEED = 512, 1 << 20
 """Rays per pixel of each half of the reference."""
 
@@ -65,6 +66,10 @@ ROWS = (
     Row("mitsuba, 16 spp", "mitsuba", 16),
     Row("mitsuba, 64 spp", "mitsuba", 64),
 )
+SHOWN = ("raster", "raster + EFR", "mitsuba, 4 spp", "mitsuba, 4 spp + EFR")
+"""Rows of the picture, beside the reference."""
+MARGIN, ENLARGED = 6, 3
+"""Pixels around the vehicle, and how often each is repeated."""
 HEADINGS = (
     "backend",
     "error",
@@ -96,9 +101,9 @@ class Bench:
         self.masks = kept.renderer.vehicle_mask(self.views) == 1
         first, second = ([self._true(kept, v, half)[0] for v in self.views] for half in range(2))
         self.halves = self.pixels(torch.cat(first)), self.pixels(torch.cat(second))
-        mean = (torch.cat(first) + torch.cat(second)) / 2
-        self.adjoint = self._adjoint(mean)
-        self.score = self.scores(mean)
+        self.truth = (torch.cat(first) + torch.cat(second)) / 2
+        self.adjoint = self._adjoint(self.truth)
+        self.score = self.scores(self.truth)
         self.gradients = self._gradient(kept, 0), self._gradient(kept, 1)
 
     def loop(self, backend: str, samples: int) -> LoopRenderer:
@@ -220,8 +225,22 @@ def stale(bench: Bench, old: Measured, new: Measured) -> str:
     )
 
 
-def section(path: Path, detector: Detector, residuals: dict[str, Residual | None]) -> list[str]:
-    """The table of one scene."""
+def gallery(bench: Bench, found: dict[str, Measured]) -> list[SrgbPicture]:
+    """The first view as some rows draw it, and as it is; around the vehicle, enlarged."""
+    left, top, right, bottom = (round(edge) for edge in bench.boxes[0].tolist())
+    part = (
+        slice(max(top - MARGIN, 0), bottom + MARGIN),
+        slice(max(left - MARGIN, 0), right + MARGIN),
+    )
+    images = [found[name].images[:1] for name in SHOWN if name in found] + [bench.truth[:1]]
+    pictures = as_pictures(linear_to_srgb(torch.cat(images)))
+    return [p[part].repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1) for p in pictures]
+
+
+def section(
+    path: Path, detector: Detector, residuals: dict[str, Residual | None]
+) -> tuple[list[str], list[SrgbPicture]]:
+    """The table of one scene, and what it looks like."""
     bench = Bench(path, detector)
     width, height = bench.scene.image.width, bench.scene.image.height
     halves = gradient_agreement(bench.gradients[0], (bench.gradients[1], bench.gradients[1]))[0]
@@ -230,7 +249,7 @@ def section(path: Path, detector: Detector, residuals: dict[str, Residual | None
         found[row.name] = measure(bench, row, residual)
         lines.append(cells(bench, row, found[row.name]))
         print(*lines[-1], sep=" | ", flush=True)
-    return [
+    text = [
         f"`{path}`, {VIEWS} views of {width}×{height} pixels; the reference's halves of "
         f"{REFERENCE_SAMPLES} rays per pixel have gradients of cosine {halves:.3f}.",
         "",
@@ -238,6 +257,7 @@ def section(path: Path, detector: Detector, residuals: dict[str, Residual | None
         "",
         stale(bench, found["cached"], found["cached, refreshed"]),
     ]
+    return text, gallery(bench, found)
 
 
 def read_residuals(specs: Sequence[str]) -> dict[str, Residual | None]:
@@ -259,13 +279,20 @@ def main() -> None:
     parser.add_argument("--efr", action="append", default=[], help="BACKEND=PATH; repeatable")
     parser.add_argument("--detector", default="builtin")
     parser.add_argument("--document", type=Path, default=Path("docs/backends.md"))
+    parser.add_argument("--picture", type=Path, default=Path("docs/images/backends.png"))
     options = parser.parse_args()
     residuals = read_residuals(options.efr)
     detector = build.build_detector(options.detector)
-    lines = ["```sh", f"python {shlex.join(sys.argv)}", "```"]
+    lines, pictures = ["```sh", f"python {shlex.join(sys.argv)}", "```"], []
     for path in options.scenes:
-        lines += ["", *section(path, detector, residuals)]
+        table, shown = section(path, detector, residuals)
+        lines += ["", *table]
+        pictures += shown
     put(options.document, "backends", lines)
+    run = {row.name for row, _ in corrected(residuals)}
+    names = [name for name in SHOWN if name in run] + ["reference"]
+    sheet = side_by_side(pictures, len(options.scenes) * names, columns=len(names))
+    write_png(options.picture, sheet)
 
 
 if __name__ == "__main__":

@@ -85,7 +85,8 @@ class _Sum(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, value: Tensor) -> Tensor:
-        total = value.detach().to("cpu", copy=True)  # gloo carries what lies in main memory
+        # gloo carries what lies in main memory, and adds it up as it lies there.
+        total = value.detach().to("cpu", copy=True, memory_format=torch.contiguous_format)
         dist.all_reduce(total)
         return total.to(value)
 
@@ -98,17 +99,16 @@ def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
     """What ``work`` makes of all ``pieces``, each process doing one of them; differentiable.
 
     All processes call this at once, each with a loss of its own to come: the gradients that they
-    get are theirs to sum (:func:`add_up`).  Alone, ``work`` is given all pieces.
+    get are theirs to sum (:func:`add_up`).  Fewer processes than pieces do all pieces each.
 
     Args:
         work: pieces → a tensor with a row for each, of equal shapes.
     """
-    if count() == 1 or pieces == 1:
+    if pieces == 1 or count() < pieces:
         return work(slice(None))
     own = rank() % pieces
     alike = len(range(own, count(), pieces))
-    """Processes that do the same piece: each brings a part of it."""
-    part = work(slice(own, own + 1)) / alike
+    part = work(slice(own, own + 1)) / alike  # of what all who do the same piece bring
     before, after = (part.new_zeros(k, *part.shape[1:]) for k in (own, pieces - own - 1))
     return _Sum.apply(torch.cat([before, part, after]))
 

@@ -45,7 +45,7 @@ class LoopRenderer(Renderer, Protocol):
     ) -> list[PlainPictures]:
         """Return each view with the plain paint: X_ref, and as ``render`` draws it with ``seed``.
 
-        Where nothing depends on the seed, a view that comes back gets the very same object.
+        What does not change is the very same object when its view comes back.
         """
 
 

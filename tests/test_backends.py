@@ -47,8 +47,9 @@ def test_every_backend_draws_the_scene_and_the_path_tracer_judges_it():
     assert not torch.tensor(list(brightness.values())).isnan().any()
 
 
-def test_the_shipped_efr_brings_raster_nearer_to_the_path_tracer_in_fog():
-    scene = load_scene(Path("builtin:sedan_fog"))
+@pytest.mark.parametrize("name", ["builtin:sedan_clear", "builtin:sedan_fog"])
+def test_the_shipped_efr_brings_raster_nearer_to_the_path_tracer(name):
+    scene = load_scene(Path(name))
     scene = scene.model_copy(update={"image": ImageSection(width=128, height=128)})
     vehicle = build.build_vehicle(scene)
     paint, view = build.build_paint(scene, vehicle), build.build_views(scene)[0]

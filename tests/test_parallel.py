@@ -66,6 +66,8 @@ def test_the_branches_of_the_denoiser_are_divided(tmp_path, processes):
     alone = torch.load(tmp_path / "rank0.pt", weights_only=True)
     launch(processes, "tests.gen.branches_rank", str(tmp_path))
     every = [torch.load(tmp_path / f"rank{k}.pt", weights_only=True) for k in range(processes)]
+    assert alone.pop("branches").tolist() == [2, 2]
+    assert all(own["branches"].tolist() == [1, 1] for own in every)
     for name, expected in alone.items():
         largest = float(expected.abs().max())
         assert largest > 1e-3  # or nothing is compared

@@ -31,7 +31,9 @@ def logging_to(folder: Path, step: int) -> Iterator[Log]:
         def log(record: dict[str, Any]) -> None:
             for name, value in scalars(record):
                 if name != "step":
-                    writer.add_scalar(name.replace("seconds_", "seconds/"), value, record["step"])
+                    prefix = "seconds/" if name.startswith("seconds_") else ""
+                    tag = prefix + name.removeprefix("seconds_")
+                    writer.add_scalar(tag, value, record["step"])
 
         yield log
 

@@ -74,7 +74,7 @@ def train(
     torch.manual_seed(seed)
     network = EnvironmentFeatureRenderer()
     gains = [network.left_out, network.slope]
-    maps = [p for module in (network.down, network.up, network.maps) for p in module.parameters()]
+    maps = [p for p in network.parameters() if all(p is not gain for gain in gains)]
     groups: list[dict[str, Any]] = [{"params": maps}, {"params": gains, "lr": GAIN_RATE}]
     optimizer = torch.optim.Adam(groups, lr=LEARNING_RATE)
     rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * len(shots))

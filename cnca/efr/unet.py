@@ -78,19 +78,18 @@ class _Corrected(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, images: Tensor, corrections: Sequence[Correction]) -> Tensor:
-        pairs = zip(images.split(1), corrections, strict=True)
-        corrected = torch.cat([correction(image) for image, correction in pairs])
-        ctx.save_for_backward(corrected)
-        ctx.corrections = corrections
+        corrected, ctx.slopes = images.clone(), []
+        for own, image, one in zip(corrected.split(1), images.split(1), corrections, strict=True):
+            part = torch.addcmul(one.offset, one.gain, image[one.part])
+            own[one.part] = part.clamp(min=0)
+            ctx.slopes.append((one.part, one.gain * (part >= 0)))
         return corrected
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
-        (corrected,) = ctx.saved_tensors
         gradient = gradients[0].clone()
-        for k, correction in enumerate(ctx.corrections):
-            part = k, *correction.part
-            gradient[part] *= correction.gain[0] * (corrected[part] > 0)
+        for own, (part, slope) in zip(gradient.split(1), ctx.slopes, strict=True):
+            own[part] *= slope
         return gradient, None
 
 
@@ -121,14 +120,21 @@ class EnvironmentFeatureRenderer(nn.Module):
         pairs = zip(images.split(1), corrections, strict=True)
         return torch.cat([correction(image) for image, correction in pairs])
 
+    def train(self, mode: bool = True) -> EnvironmentFeatureRenderer:
+        """Begin or end training; what is kept would not know of other weights."""
+        self._kept.clear()
+        super().train(mode)
+        return self
+
     def correction(self, reference: PlainPictures) -> Correction:
         """What turns this view's renders into X_ren, in whichever paint."""
-        if not self.training and reference in self._kept:
-            return self._kept[reference]
-        correction = self._correction(reference.traced, reference.drawn)
-        if not self.training:
+        if self.training:
+            return self._correction(reference.traced, reference.drawn)
+        if reference not in self._kept:
+            with torch.no_grad():
+                correction = self._correction(reference.traced, reference.drawn)
             self._kept[reference] = correction
-        return correction
+        return self._kept[reference]
 
     def _correction(self, traced: LinearImages, drawn: LinearImages) -> Correction:
         vehicle = (traced != drawn).any(dim=1, keepdim=True)
@@ -136,9 +142,9 @@ class EnvironmentFeatureRenderer(nn.Module):
         vehicle, traced, drawn = vehicle[part], traced[part], drawn[part]
         if not vehicle.any():
             return Correction(part, traced, drawn)
-        slope = paint_slope(traced, drawn)
-        multiply, add = self._maps(traced, drawn, slope).chunk(2, dim=1)
-        multiply = self.slope * (slope - 1) + multiply
+        k_hat = paint_slope(traced, drawn)
+        multiply, add = self._maps(traced, drawn, k_hat).chunk(2, dim=1)
+        multiply = self.slope * (k_hat - 1) + multiply
         add = self.left_out * (traced - drawn) - multiply * drawn + add
         return Correction(part, torch.where(vehicle, 1 + multiply, 1), torch.where(vehicle, add, 0))
 

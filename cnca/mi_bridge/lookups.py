@@ -107,4 +107,4 @@ class LookupRenderer:
     @property
     def megabytes(self) -> float:
         """Memory that the kept views take."""
-        return sum(kept.megabytes for kept in self._kept.values())
+        return self.kept.megabytes + sum(kept.megabytes for kept in self._kept.values())

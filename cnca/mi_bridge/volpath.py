@@ -248,6 +248,7 @@ class PrbVolpath:
         self, samples: int, seed: int, δL: mi.Color3f | None = None, state: mi.Color3f | None = None
     ) -> mi.Color3f:
         """Radiance of every lane; with the adjoint radiance the gradients are accumulated."""
+        seed &= 0xFFFFFFFF
         ray, _ = self.cameras.rays(samples, dr.opaque(mi.UInt32, seed))
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(dr.opaque(mi.UInt32, seed), self.cameras.lanes(samples))

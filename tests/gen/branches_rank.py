@@ -17,12 +17,14 @@ from tests.gen.tiny import tiny_pipeline
 
 
 def run_rank(folder: Path) -> None:
-    torch.set_num_threads(1)
     content: dict[str, torch.Tensor] = {}
+    branches: list[int] = []
     for kind in feature.KINDS:
-        for last in (4, 2):
+        for options in ({}, {"gradient_steps": 2}, {"gradient_checkpointing": False}):
+            pipeline, name = tiny_pipeline(), " ".join([kind, *options])
+            pipeline.unet.register_forward_pre_hook(lambda _, given: branches.append(len(given[0])))
             generator = DiffusionTextureGenerator(
-                tiny_pipeline(), feature=kind, tokens=2, steps=4, guidance=3.0, gradient_steps=last
+                pipeline, feature=kind, tokens=2, steps=4, guidance=3.0, **options
             )
             seeded = torch.Generator().manual_seed(3)
             extra = torch.randn(generator.feature_shape, generator=seeded).requires_grad_()
@@ -30,10 +32,12 @@ def run_rank(folder: Path) -> None:
             weights = torch.randn(texture.shape, generator=seeded)
             parallel.share(weights * texture).sum().backward()
             parallel.add_up(extra.grad)
-            content |= {f"{kind} {last}": texture.detach(), f"{kind} {last} gradient": extra.grad}
+            content |= {name: texture.detach(), f"{name} gradient": extra.grad}
+    content["branches"] = torch.tensor([min(branches), max(branches)])
     torch.save(content, folder / f"rank{parallel.rank()}.pt")
 
 
 if __name__ == "__main__":
+    torch.set_num_threads(1)
     with parallel.joined():
         run_rank(Path(sys.argv[1]))
