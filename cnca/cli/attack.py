@@ -32,7 +32,7 @@ def optimize(
 ) -> None:
     """Search the camouflage that a detector misses, and judge it on held-out views.
 
-    Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the views of each step.
+    Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the work of each step.
     """
     from cnca import parallel
     from cnca.terminal import attack as terminal
