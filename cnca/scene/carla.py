@@ -60,7 +60,8 @@ def read_carla_frame(path: str | Path) -> CarlaFrame:
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise SceneError(f"{path}: img: expected uint8 (height, width, 3), got {image.shape}")
     for key in ("veh_trans", "cam_trans"):
-        if arrays[key].shape != (2, 3) or not np.isfinite(arrays[key]).all():
+        numbers = arrays[key].dtype.kind in "fiu"
+        if not numbers or arrays[key].shape != (2, 3) or not np.isfinite(arrays[key]).all():
             raise SceneError(f"{path}: {key}: expected 2 × 3 finite numbers")
     red_green_blue = image[..., ::-1].astype(np.float32) / 255
     return CarlaFrame(red_green_blue, arrays["veh_trans"], arrays["cam_trans"])

@@ -82,6 +82,8 @@ def test_a_frame_becomes_red_green_blue_in_unit_range(tmp_path):
         ({"veh_trans": None}, "veh_trans"),
         ({"cam_trans": np.zeros(3)}, "cam_trans: expected 2 × 3"),
         ({"cam_trans": np.full((2, 3), np.nan)}, "cam_trans: expected 2 × 3 finite"),
+        ({"veh_trans": np.full((2, 3), "east")}, "veh_trans: expected 2 × 3 finite numbers"),
+        ({"veh_trans": np.zeros((2, 3), complex)}, "veh_trans: expected 2 × 3 finite numbers"),
         ({"img": np.zeros((4, 6), np.uint8)}, "img: expected uint8"),
         ({"img": np.array([object()])}, "cannot be read"),
     ],
