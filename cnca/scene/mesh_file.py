@@ -33,7 +33,7 @@ def read_meshes(path: Path) -> trimesh.Scene:
     if not os.path.isfile(path):  # also of names that no system takes
         raise MeshError(f"{path}: no such file; paths start at the scene file's folder")
     try:
-        scene = _read_obj(path) if extension == ".obj" else trimesh.load_scene(path, process=False)
+        scene = _read_obj(path) if extension == ".obj" else _read(path, extension)
     except Exception as error:  # trimesh's readers raise whatever a broken file makes them raise
         reason = " ".join(str(error).split()) or type(error).__name__
         kind = extension.removeprefix(".").upper()
@@ -49,6 +49,16 @@ def read_meshes(path: Path) -> trimesh.Scene:
     if not len(scene.graph.nodes_geometry):
         raise MeshError(f"{path}: its scene shows none of its meshes; export the whole scene")
     return scene
+
+
+def _read(path: Path, extension: str) -> trimesh.Scene:
+    """Another kind of file, read from memory: an open one makes room for all a chunk claims."""
+    return trimesh.load_scene(
+        io.BytesIO(path.read_bytes()),
+        file_type=extension.removeprefix("."),
+        resolver=trimesh.resolvers.FilePathResolver(path),
+        process=False,
+    )
 
 
 def _read_obj(path: Path) -> trimesh.Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import re
 import struct
@@ -88,7 +89,8 @@ def restructured(draw: st.DrawFn, tree: Any) -> Any:
             break
         parent, key = draw(st.sampled_from(places))
         if draw(st.integers(0, 4)):
-            parent[key] = draw(st.sampled_from(VALUES))
+            # A copy, or a later change would go into all cases to come.
+            parent[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))
         else:
             del parent[key]
     return tree

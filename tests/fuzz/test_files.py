@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from cnca.gen.feature import StoredFeature
 from cnca.scene.carla import read_carla_frame
 from tests.fuzz import mutations, samples
-from tests.fuzz.kinds import KINDS, use_checkpoint, use_detector, use_picture, use_scene
+from tests.fuzz.kinds import KINDS, use_checkpoint, use_detector, use_mesh, use_picture, use_scene
 from tests.fuzz.sandbox import survives
 
 FEW, MANY = 5, 40
@@ -116,6 +116,14 @@ def test_an_archive_that_would_fill_the_memory_is_refused():
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("img.npy", head.getvalue())
     assert survives(read_carla_frame, {"frame.npz": file.getvalue()})
+
+
+def test_a_mesh_that_claims_more_than_it_holds_is_refused():
+    """The binary chunk's length says 4 GiB."""
+    glb = samples.GLB
+    at = 20 + int.from_bytes(glb[12:16], "little")
+    assert glb[at + 4 : at + 7] == b"BIN"
+    survives(use_mesh, {"mesh.glb": glb[:at] + b"\xff\xff\xff\xff" + glb[at + 4 :]})
 
 
 @pytest.mark.parametrize(
