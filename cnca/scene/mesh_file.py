@@ -56,7 +56,7 @@ def _read(path: Path, extension: str) -> trimesh.Scene:
     return trimesh.load_scene(
         io.BytesIO(path.read_bytes()),
         file_type=extension.removeprefix("."),
-        resolver=trimesh.resolvers.FilePathResolver(path),
+        resolver=trimesh.resolvers.FilePathResolver(str(path)),
         process=False,
     )
 
