@@ -160,6 +160,14 @@ def test_a_correction_is_kept_as_long_as_its_reference(monkeypatch):
     assert len(efr._kept) == 0
 
 
+def test_training_on_forgets_what_was_kept():
+    efr, references = scrambled().eval(), plain(pictures(1))
+    with torch.no_grad():
+        first = efr(pictures(0), references)
+        torch.nn.init.normal_(efr.train().maps.weight)
+        assert not torch.equal(efr.eval()(pictures(0), references), first)
+
+
 def test_saved_weights_come_back(tmp_path):
     torch.manual_seed(1)
     efr = scrambled()

@@ -97,6 +97,18 @@ def test_pixels_that_are_not_finite_are_counted_and_refused(ground):
         mitsuba_picture(scene, path, Cameras([ABOVE]), samples=4, seed=5)
 
 
+def test_seeds_wrap_around_at_32_bits(ground):
+    """As the loop's renderer takes them: a run's seed times a million soon reaches that."""
+    scene = lit_by_mitsuba(ground, make_light(Weather(), (0.4, 0.4, 0.4)))
+    path = {"type": "path", "max_depth": 2}
+    seeds = 5, 5 + 2**32, 6
+    first, again, other = (
+        mitsuba_picture(scene, path, Cameras([ABOVE]), samples=4, seed=seed) for seed in seeds
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
 def test_without_fog_there_is_nothing_to_compare(renderer):
     for weather in (WEATHER, replace(WEATHER, fog=Fog(60, height=0))):
         with pytest.raises(SceneError, match="no fog"):
