@@ -14,10 +14,10 @@ from pathlib import Path
 
 from tables import markdown
 
-from cnca.attack.auto_tau import GRID, bisect, strongest
-from cnca.attack.runs import tau_folder
-from cnca.errors import RunError
-from cnca.manifest import read_json
+from cnca.core.errors import RunError
+from cnca.core.manifest import read_json
+from cnca.jobs.attack.auto_tau import GRID, bisect, strongest
+from cnca.jobs.attack.runs import tau_folder
 
 HEADINGS = (
     "prompt",

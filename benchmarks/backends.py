@@ -24,20 +24,26 @@ from tables import markdown, put
 from torch import Tensor
 
 from cnca import build
-from cnca.accuracy.fidelity import Pixels, gradient_agreement, root, squared_error, vehicle_pixels
-from cnca.attack.run import HELD_OUT_SEED
-from cnca.color import linear_to_srgb
+from cnca.attack.loss import detection_loss
+from cnca.core.color import linear_to_srgb
+from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.gen import textures
-from cnca.loss import detection_loss
+from cnca.jobs.accuracy.fidelity import (
+    Pixels,
+    gradient_agreement,
+    root,
+    squared_error,
+    vehicle_pixels,
+)
+from cnca.jobs.attack.run import HELD_OUT_SEED
+from cnca.judge.scores import detection_score
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
-from cnca.pictures import SrgbPicture, as_pictures, side_by_side, write_png
-from cnca.protocols import Detector, LoopRenderer, Residual
 from cnca.scene.cameras import View
+from cnca.scene.protocols import Detector, LoopRenderer, Residual
 from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
-from cnca.scores import detection_score
 
 VIEWS, REPEATS = 4, 9
 REFERENCE_SAMPLES, REFERENCE_SEED = 512, 1 << 20

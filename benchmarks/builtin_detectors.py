@@ -14,11 +14,11 @@ from pathlib import Path
 
 from tables import markdown
 
-from cnca.datasets.detector import BUILTIN_CAST, render_detector_data
+from cnca.core.manifest import write_json
 from cnca.detect import BUILTINS, load_detector
-from cnca.detect.dataset import TEST, LabelledPictures
-from cnca.detect.measure import measure
-from cnca.manifest import write_json
+from cnca.train.dataset import TEST, LabelledPictures
+from cnca.train.detector_pictures import BUILTIN_CAST, render_detector_data
+from cnca.train.measure import measure
 
 HEADINGS = ("detector", "paint", "pictures", "AP@0.5", "found at 0.25", "false alarms")
 

@@ -23,17 +23,18 @@ from backends import Row, corrected, read_residuals
 from tables import markdown, put
 from texels import BOUND, SIZE, Texels
 
-from cnca import build, controls
-from cnca.attack.run import held_out_shots
-from cnca.evaluate import evaluate
-from cnca.evidence.bootstrap import Sampled, resample
-from cnca.evidence.verdict import Measured, Seen, measure, word_for
-from cnca.manifest import read_json, write_json
-from cnca.optimize import Attack, Progress, Settings, optimize, start
-from cnca.protocols import Residual
-from cnca.scene.images import write_texture_srgb
+from cnca import build
+from cnca.attack.loop import Attack, Progress, Settings, optimize, start
+from cnca.core.images import write_texture_srgb
+from cnca.core.manifest import read_json, write_json
+from cnca.core.types import SrgbTexture
+from cnca.jobs.attack.run import held_out_shots
+from cnca.judge.bootstrap import Sampled, resample
+from cnca.judge.evaluate import evaluate
+from cnca.judge.verdict import Measured, Seen, measure, word_for
+from cnca.scene import controls
+from cnca.scene.protocols import Residual
 from cnca.scene.schema import load_scene
-from cnca.types import SrgbTexture
 
 SIDE, VIEWS_HELD_OUT = 24, 24
 """Texels a side, and views that judge."""

@@ -21,10 +21,10 @@ from typing import Any
 from rich.console import Console
 from tables import put
 
-from cnca.evidence.candidates import named
-from cnca.evidence.evaluation import evaluate_scenes
-from cnca.evidence.parts import Request
-from cnca.evidence.report import by_detector, by_measure, comparison_table
+from cnca.jobs.evaluate.evaluation import evaluate_scenes
+from cnca.jobs.evaluate.parts import Request
+from cnca.judge.candidates import named
+from cnca.report.tables import by_detector, by_measure, comparison_table
 
 SHUFFLED = "cnca shuffled"
 """The control that a camouflage has to beat first: its own palette."""

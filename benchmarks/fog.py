@@ -36,12 +36,12 @@ from fog_against_mitsuba import SAMPLES, block_pattern, camera, error, prbvolpat
 from tables import markdown
 
 from cnca import build
-from cnca.files import write_text
-from cnca.manifest import versions
+from cnca.core.files import write_text
+from cnca.core.manifest import versions
+from cnca.effects.plan import LADDERS
 from cnca.mi_bridge.fog import solve_fog
 from cnca.mi_bridge.light import make_light
 from cnca.mi_bridge.renderer import MitsubaRenderer
-from cnca.scene.effects import LADDERS
 from cnca.scene.schema import load_scene
 from cnca.scene.weather import Fog, Weather
 

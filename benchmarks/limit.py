@@ -20,13 +20,13 @@ import trimesh
 from stopwatch import in_turn, named_rows, parser, report
 
 from cnca import build
-from cnca.files import replacing
+from cnca.core.files import replacing
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import dr, mi
-from cnca.scene.mesh import Part, Vehicle
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.variation import draw_views
+from cnca.vehicle.model import Part, Vehicle
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402

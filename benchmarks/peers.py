@@ -30,12 +30,12 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 from torch import Tensor
 
 from cnca import build
-from cnca.color import linear_to_srgb
+from cnca.attack.targets import look, objective
+from cnca.core.color import linear_to_srgb
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.variant import dr
 from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views
-from cnca.targets import look, objective
 
 CLEAN = 64
 """Rays per pixel of the picture that the adjoint pictures belong to."""

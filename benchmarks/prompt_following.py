@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from cnca.core.pictures import write_png
 from cnca.gen import GUIDANCE, textures
 from cnca.gen.contact_sheet import contact_sheet
 from cnca.gen.sampling import DiffusionTextureGenerator
 from cnca.gen.scorer import load_scorer, right_prompts
-from cnca.pictures import write_png
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--generator", type=Path, help="folder in diffusers format")

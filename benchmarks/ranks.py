@@ -31,8 +31,8 @@ import torch.distributed as dist
 from step import SCENE, assemble
 from stopwatch import Goal, named_rows, parser, report
 
-from cnca import optimize as loop
-from cnca import parallel
+from cnca.attack import loop as loop
+from cnca.core import parallel
 from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views
 

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from stopwatch import named_rows, parser, report
 
-from cnca.attack.parts import WEATHERS
-from cnca.manifest import read_json
+from cnca.attack.settings import WEATHERS
+from cnca.core.manifest import read_json
 
 PAPER = 5 * 40_960
 SHARES = {"3/4": 0.75, "1/2": 0.5, "1/4": 0.25}

@@ -30,13 +30,13 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 
 from cnca import build
 from cnca.attack import checkpoint
-from cnca.color import linear_to_srgb
-from cnca.errors import RunError
+from cnca.attack.loop import WEATHERS, Attack, Progress, Settings, optimize, start
+from cnca.attack.targets import look, objective
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import RunError
 from cnca.mi_bridge.variant import dr
-from cnca.optimize import WEATHERS, Attack, Progress, Settings, optimize, start
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.variation import draw_views
-from cnca.targets import look, objective
 
 SCENE = Path("scenes/sedan_clear.yaml")
 SETTLED = 100

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from tables import markdown, put
 
-from cnca.manifest import versions, write_json
+from cnca.core.manifest import versions, write_json
 
 Found = TypeVar("Found")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from cnca.errors import RunError
-from cnca.files import write_text
+from cnca.core.errors import RunError
+from cnca.core.files import write_text
 
 
 def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -17,13 +17,14 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from cnca import build, controls
-from cnca.attack.run import held_out_shots
-from cnca.evaluate import evaluate
-from cnca.optimize import Attack, Progress, Settings, optimize, start
-from cnca.scene.images import write_texture_srgb
+from cnca import build
+from cnca.attack.loop import Attack, Progress, Settings, optimize, start
+from cnca.core.images import write_texture_srgb
+from cnca.core.types import SrgbTexture
+from cnca.jobs.attack.run import held_out_shots
+from cnca.judge.evaluate import evaluate
+from cnca.scene import controls
 from cnca.scene.schema import load_scene
-from cnca.types import SrgbTexture
 
 SIZE, BOUND = 256, 6.0
 """Pixels of the texture; bound on the logits, 0.0025 from black and white."""

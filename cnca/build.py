@@ -11,23 +11,23 @@ import cv2
 import numpy as np
 import torch
 
-from cnca.color import srgb_to_linear
+from cnca.attack.targets import Target, parse_targets
+from cnca.core.color import srgb_to_linear
+from cnca.core.errors import CncaError, MeshError, SceneError, TextureError, did_you_mean
+from cnca.core.images import read_mask, read_texture_srgb
+from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files, load_detector
 from cnca.detect.classes import CAR, vehicle_labels
-from cnca.errors import CncaError, MeshError, SceneError, TextureError, did_you_mean
-from cnca.paint import Paint
-from cnca.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
+from cnca.effects.plan import Demand
 from cnca.scene import shipped
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
-from cnca.scene.effects import Demand
-from cnca.scene.images import read_mask, read_texture_srgb
-from cnca.scene.load_mesh import resolve_vehicle
-from cnca.scene.mesh import Vehicle
+from cnca.scene.paint import Paint
+from cnca.scene.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
 from cnca.scene.schema import CarlaCamera, Scene
-from cnca.scene.uv import pad_mask, paint_mask
-from cnca.targets import Target, parse_targets
-from cnca.types import SrgbTexture
+from cnca.vehicle.mesh.load_mesh import resolve_vehicle
+from cnca.vehicle.model import Vehicle
+from cnca.vehicle.uv.masks import pad_mask, paint_mask
 
 BACKENDS = ("mitsuba", "raster", "cached")
 CACHE_FACTOR = 4
@@ -241,7 +241,7 @@ def build_detector(spec: str) -> Detector:
 
 
 def build_targets(words: Sequence[str]) -> list[Target]:
-    """Detectors with their weights; see :func:`cnca.targets.parse_targets`."""
+    """Detectors with their weights; see :func:`cnca.attack.targets.parse_targets`."""
     targets = []
     for name, weight in parse_targets(words).items():
         detector = build_detector(name)

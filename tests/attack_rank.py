@@ -1,4 +1,4 @@
-"""One of the processes of ``tests/test_parallel.py``: an attack on fakes, its outcome as a file.
+"""One process of ``tests/core/test_parallel.py``: an attack on fakes, its outcome as a file.
 
     python -m torch.distributed.run --nproc-per-node 2 -m tests.attack_rank FOLDER [STEP]
 
@@ -13,10 +13,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from cnca import parallel
 from cnca.attack import checkpoint
-from cnca.attack.parts import Settings
-from cnca.optimize import optimize, start
+from cnca.attack.loop import optimize, start
+from cnca.attack.settings import Settings
+from cnca.core import parallel
 from tests.fake_attack import SlantedRenderer, attack
 
 SETTINGS = Settings("grey", steps=6, views_per_step=4, learning_rate=0.1, check_every=2)

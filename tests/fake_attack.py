@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import torch
 
-from cnca.attack.parts import Attack
-from cnca.paint import Paint
+from cnca.attack.settings import Attack
+from cnca.attack.targets import Target
+from cnca.core.types import Candidates
+from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene
-from cnca.targets import Target
-from cnca.types import Candidates
 
 
 @dataclass

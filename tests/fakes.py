@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import torch
 
-from cnca.types import Detections
+from cnca.core.types import Detections
 
 BOX = torch.tensor([2.0, 2.0, 10.0, 10.0])
 

@@ -1,4 +1,4 @@
-"""A small attack, forecast or run in a process of its own, for ``tests/attack/test_forecast.py``.
+"""A small attack, forecast or run in its own process, for ``tests/jobs/attack/test_forecast.py``.
 
     python -m tests.forecast_process FOLDER {forecast,run}
 
@@ -13,9 +13,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cnca.attack import run
-from cnca.attack.forecast import forecast
-from cnca.attack.parts import Settings
+from cnca.attack.settings import Settings
+from cnca.jobs.attack import run
+from cnca.jobs.attack.forecast import forecast
 from tests.attack_process import SCENE
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 

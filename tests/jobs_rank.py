@@ -1,4 +1,4 @@
-"""One of the processes of ``tests/attack/test_divided_jobs.py``: evaluations and a training.
+"""One of the processes of ``tests/jobs/attack/test_divided_jobs.py``: evaluations and a training.
 
     python -m torch.distributed.run --nproc-per-node 2 -m tests.jobs_rank FOLDER
 
@@ -14,13 +14,13 @@ import numpy as np
 import torch
 from rich.console import Console
 
-from cnca import parallel
-from cnca.efr.train import train
-from cnca.evidence import stage
-from cnca.evidence.evaluation import evaluate_scenes
-from cnca.evidence.parts import Request
-from cnca.evidence.photos import PhotoRequest, evaluate_photos
-from tests.efr.test_train import shots
+from cnca.core import parallel
+from cnca.jobs.evaluate.evaluation import evaluate_scenes
+from cnca.jobs.evaluate.parts import Request
+from cnca.jobs.evaluate.photos import PhotoRequest, evaluate_photos
+from cnca.judge import stage
+from cnca.train.efr import train
+from tests.train.test_efr import shots
 
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 32}

@@ -1,4 +1,4 @@
-"""Who may import whom: each part is imported in a process of its own, then sys.modules is read."""
+"""The order of rooms: no module imports from a room below its own, inside functions included."""
 
 import ast
 import graphlib
@@ -12,52 +12,130 @@ import pytest
 import cnca
 
 PACKAGE = Path(cnca.__file__).parent
-LEAVES = {
-    f"cnca.{name}" for name in ("errors", "files", "types", "color", "boxes", "scores", "progress")
-}
-"""Records and plain functions without any part's concerns."""
-PROTOCOLS = {"cnca.protocols", "cnca.pictures", "cnca.scene.cameras", "cnca.scene.weather"}
-"""The four exchangeable parts, the records that they exchange, and pictures of them."""
+ROOMS = (
+    "core",
+    "scene",
+    "vehicle",
+    "effects",
+    "mi_bridge",
+    "gen",
+    "efr",
+    "detect",
+    "attack",
+    "judge",
+    "train",
+    "build",
+    "report",
+    "jobs",
+    "cli",
+)
+"""From the top: a room imports from itself and from those before it."""
+TOP = {"__init__.py", "__main__.py", "build.py"}
+"""All files that do not stand in a room; the first two name every room's public things."""
 RENDERING = {"mitsuba", "drjit"}
-CONCRETE = {"cnca.mi_bridge", "cnca.gen.sampling", "cnca.gen.pipeline", "diffusers"}
-CONCRETE |= {"cnca.efr", "cnca.build", "cnca.cli"}
-"""What the loops do without; F_adv and κ (``cnca.gen.feature``) belong to the method itself."""
-
-MAY_LOAD = {
-    "cnca.errors": set(),
-    "cnca.files": {"cnca.errors"},
-    "cnca.color": set(),
-    "cnca.types": {"cnca.errors"},
-    "cnca.protocols": LEAVES | PROTOCOLS,
-    "cnca.scene": {"cnca.errors", "cnca.files"},
-    "cnca.mi_bridge": LEAVES | PROTOCOLS | {"cnca.scene"},
-    "cnca.gen": LEAVES | PROTOCOLS | {"cnca.parallel"},
-    "cnca.efr": LEAVES | PROTOCOLS | {"cnca.parallel"},
-    "cnca.detect": LEAVES | PROTOCOLS,
-    "cnca.cli": {"cnca.errors"},
-}
-"""Part → what it may load of the package beside itself."""
-
-MAY_NOT_LOAD = {
-    "cnca.scene": {"torch"},
-    "cnca.optimize": CONCRETE | RENDERING,
-    "cnca.evaluate": CONCRETE | RENDERING,
-    "cnca.evidence.stage": CONCRETE | RENDERING,
-    "cnca.evidence.verdict": CONCRETE | RENDERING,
-    "cnca.build": {"cnca.cli"},
-}
-NOWHERE = {"torchvision", "timm", "mmdet", "mmcv", "mmengine"}
+FIGHTING = {"torchvision", "timm", "mmdet", "mmcv", "mmengine"}
 """Libraries that fight with the pinned torch."""
-OPTIONAL = {"torchvision_models.py": {"torchvision"}}
+BY_NAME_ONLY = {"detect/torchvision_models.py": {"torchvision"}}
 """Where they are imported all the same, once a user has asked for them by name."""
+BACKEND_FREE = ("cnca.attack.loop", "cnca.judge.evaluate", "cnca.judge.stage", "cnca.judge.verdict")
+"""The loops: they know protocols, never a renderer, a diffusion pipeline or the command line."""
+CONCRETE = {"cnca.mi_bridge", "cnca.gen.sampling", "cnca.gen.pipeline", "cnca.efr", "cnca.build"}
 
 
-def _modules(part: str) -> list[str]:
-    """A package with all its modules, or one module."""
-    path = PACKAGE.parent / part.replace(".", "/")
-    files = sorted(path.rglob("*.py")) or [path.with_suffix(".py")]
-    relative = [file.relative_to(PACKAGE.parent).with_suffix("").parts for file in files]
-    return [".".join(name for name in names if name != "__init__") for names in relative]
+def _sources() -> dict[str, str]:
+    """Path below the package → source."""
+    return {file.relative_to(PACKAGE).as_posix(): file.read_text() for file in _files()}
+
+
+def _files() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def _module(path: str) -> str:
+    names = ["cnca", *Path(path).with_suffix("").parts]
+    return ".".join(name for name in names if name != "__init__")
+
+
+def _imports(source: str, *, whole: bool = True) -> set[str]:
+    """Full names that a source imports; only its outermost statements unless ``whole``."""
+    tree = ast.parse(source)
+    nodes = list(ast.walk(tree)) if whole else list(tree.body)
+    if not whole:
+        nodes += [inner for node in tree.body if isinstance(node, ast.If) for inner in node.body]
+    names = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            names |= {f"{module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def _room(module: str) -> str | None:
+    parts = module.split(".")
+    return parts[1] if parts[0] == "cnca" and len(parts) > 1 and parts[1] in ROOMS else None
+
+
+def _upward(sources: dict[str, str]) -> list[str]:
+    """Imports against the order, as ``importer -> imported``; also those that name no room."""
+    offences = []
+    for path, source in sources.items():
+        room = _room(_module(path))
+        if room is None:
+            continue
+        for name in sorted(_imports(source)):
+            if name.startswith("."):
+                offences.append(f"{_module(path)} -> {name}: write it out")
+            elif name == "cnca" or name.startswith("cnca."):
+                other = _room(name)
+                if other is None or ROOMS.index(other) > ROOMS.index(room):
+                    offences.append(f"{_module(path)} -> {name}")
+    return offences
+
+
+def test_no_module_imports_from_a_room_below_its_own():
+    assert _upward(_sources()) == []
+
+
+def test_every_file_stands_in_a_room():
+    outside = {path for path in _sources() if _room(_module(path)) is None}
+    assert outside | {"build.py"} == TOP
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "offence"),
+    [
+        ("scene/rogue.py", "from cnca.vehicle import model", "cnca.vehicle.model"),
+        ("gen/rogue.py", "def f():\n    import cnca.jobs.harden", "cnca.jobs.harden"),
+        ("attack/rogue.py", "from cnca import build", "cnca.build"),
+        ("detect/rogue.py", "if TYPE_CHECKING:\n    from cnca.cli.app import app", "cnca.cli.app"),
+        ("core/rogue.py", "from cnca import __version__", "cnca.__version__"),
+        ("core/rogue.py", "from ..cli import app", "..cli.app"),
+    ],
+)
+def test_an_upward_import_is_found(path, source, offence):
+    assert any(offence in line for line in _upward({path: source}))
+
+
+def _libraries(source: str, libraries: set[str]) -> set[str]:
+    """Those ``libraries`` that the source imports anywhere, even inside a function."""
+    return {name.split(".")[0] for name in _imports(source)} & libraries
+
+
+def test_only_the_variant_names_the_rendering_libraries():
+    """The rest of the bridge takes them from there, where the variant is already set."""
+    naming = {path for path, source in _sources().items() if _libraries(source, RENDERING)}
+    assert naming == {"mi_bridge/variant.py"}
+
+
+def test_no_file_names_a_library_that_fights_with_torch():
+    naming = {path: _libraries(source, FIGHTING) for path, source in _sources().items()}
+    assert {path: named for path, named in naming.items() if named} == BY_NAME_ONLY
+
+
+def test_imports_inside_functions_are_seen():
+    assert _libraries("def f():\n    from mitsuba import Float", RENDERING) == {"mitsuba"}
 
 
 def _loaded_with(modules: list[str], search: Path | None = None) -> set[str]:
@@ -75,79 +153,30 @@ def _loaded_with(modules: list[str], search: Path | None = None) -> set[str]:
     return set(json.loads(answer.stdout.splitlines()[-1]))
 
 
-def _offences(part: str, loaded: set[str]) -> set[str]:
-    """What ``part`` has loaded although the table forbids it."""
-    forbidden = NOWHERE | MAY_NOT_LOAD.get(part, set())
-    if part in MAY_LOAD and part != "cnca.mi_bridge":
-        forbidden |= RENDERING
-    offences = {name for name in loaded if _covers(forbidden, name)}
-    if part in MAY_LOAD:
-        others = {n for n in loaded if n.startswith("cnca.") and not _covers({part}, n)}
-        packages = {name.rpartition(".")[0] for name in MAY_LOAD[part]}
-        offences |= {n for n in others - packages if not _covers(MAY_LOAD[part], n)}
-    return offences
+def _within(names: set[str], modules: set[str]) -> set[str]:
+    """Those ``modules`` that are one of ``names`` or lie inside one of them."""
+    return {m for m in modules if any(m == name or m.startswith(name + ".") for name in names)}
 
 
-def _covers(names: set[str], module: str) -> bool:
-    """Whether ``module`` is one of ``names`` or lies inside one of them."""
-    return any(module == name or module.startswith(name + ".") for name in names)
+def test_the_loops_load_no_backend():
+    assert _within(CONCRETE | RENDERING | {"diffusers"}, _loaded_with([*BACKEND_FREE])) == set()
 
 
-@pytest.mark.parametrize("part", sorted(MAY_LOAD | MAY_NOT_LOAD))
-def test_each_part_loads_only_what_the_table_allows(part):
-    assert _offences(part, _loaded_with(_modules(part))) == set()
+def test_the_command_line_loads_neither_torch_nor_mitsuba_for_its_help():
+    assert _within({"torch"} | RENDERING, _loaded_with(["cnca.cli"])) == set()
 
 
-def _named(source: str, libraries: set[str]) -> set[str]:
-    """Those ``libraries`` that the source imports anywhere, even inside a function."""
-    found = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found.add(node.module.split(".")[0])
-    return found & libraries
-
-
-def test_only_the_variant_names_the_rendering_libraries():
-    """The rest of the bridge takes them from there, where the variant is already set."""
-    sources = {f.relative_to(PACKAGE).as_posix(): f.read_text() for f in PACKAGE.rglob("*.py")}
-    naming = {name for name, source in sources.items() if _named(source, RENDERING)}
-    assert naming == {"mi_bridge/variant.py"}
-
-
-def test_no_file_names_a_library_that_fights_with_torch():
-    naming = {file.name: _named(file.read_text(), NOWHERE) for file in PACKAGE.rglob("*.py")}
-    assert {name: named for name, named in naming.items() if named} == OPTIONAL
-
-
-@pytest.mark.parametrize(
-    ("part", "source", "offence"),
-    [
-        ("cnca.scene", "import torch", "torch"),
-        ("cnca.scene", "from cnca import types", "cnca.types"),
-        ("cnca.gen", "import cnca.scene.sedan", "cnca.scene.sedan"),
-        ("cnca.detect", "import drjit", "drjit"),
-        ("cnca.optimize", "import cnca.mi_bridge.llvm", "cnca.mi_bridge.llvm"),
-    ],
-)
-def test_the_check_can_fail(tmp_path, part, source, offence):
-    (tmp_path / "rogue.py").write_text(source)
-    assert offence in _offences(part, _loaded_with(["rogue"], tmp_path))
+def test_a_backend_that_is_loaded_is_found(tmp_path):
+    (tmp_path / "rogue.py").write_text("import cnca.mi_bridge.llvm")
+    assert _within(CONCRETE, _loaded_with(["rogue"], tmp_path))
 
 
 def _circle(sources: dict[str, str]) -> list[str]:
     """Modules that import each other in a circle outside of functions, if only for their types."""
     reached = {}
     for module, source in sources.items():
-        body = ast.parse(source).body
-        body += [inner for node in body if isinstance(node, ast.If) for inner in node.body]
-        names = set()
-        for node in body:
-            if isinstance(node, ast.Import):
-                names |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        names = _imports(source, whole=False)
+        names |= {name.rpartition(".")[0] for name in names}
         reached[module] = names & (sources.keys() - {module})
     try:
         graphlib.TopologicalSorter(reached).prepare()
@@ -158,16 +187,10 @@ def _circle(sources: dict[str, str]) -> list[str]:
 
 def test_modules_do_not_import_each_other():
     """Beside ``cnca`` itself, which names its parts for type checkers."""
-    modules = [name for name in _modules("cnca") if name != "cnca"]
-    paths = {name: PACKAGE.parent / name.replace(".", "/") for name in modules}
-    files = {n: p / "__init__.py" if p.is_dir() else p.with_suffix(".py") for n, p in paths.items()}
-    assert _circle({name: file.read_text() for name, file in files.items()}) == []
+    modules = {_module(path): source for path, source in _sources().items()}
+    assert _circle({name: source for name, source in modules.items() if name != "cnca"}) == []
 
 
 def test_a_circle_is_found():
     circle = {"a": "from b import f", "b": "import c", "c": "if TYPE_CHECKING:\n    import a"}
     assert set(_circle(circle)) == {"a", "b", "c"}
-
-
-def test_imports_inside_functions_are_seen():
-    assert _named("def f():\n    from mitsuba import Float", RENDERING) == {"mitsuba"}

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from cnca import build, controls
-from cnca.errors import CncaError
+from cnca import build
+from cnca.core.errors import CncaError
 from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.scene import controls
 from cnca.scene.schema import ImageSection, Scene, load_scene
 
 

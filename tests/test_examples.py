@@ -10,9 +10,9 @@ import torch
 from rich.console import Console
 
 import cnca
-from cnca.attack import run
 from cnca.gen.feature import StoredFeature
-from tests.attack.test_run import SCENE, one_thread  # noqa: F401  (a fixture)
+from cnca.jobs.attack import run
+from tests.jobs.attack.test_run import SCENE, one_thread  # noqa: F401  (a fixture)
 
 PAGE = Path(__file__).parents[1] / "docs" / "api.md"
 BLOCKS = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)

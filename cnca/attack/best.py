@@ -9,12 +9,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cnca import parallel
-from cnca.attack.parts import Attack, Settings
-from cnca.color import linear_to_srgb
-from cnca.errors import NonFiniteError
+from cnca.attack.settings import Attack, Settings
+from cnca.attack.targets import look, numbers
+from cnca.core import parallel
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import NonFiniteError
 from cnca.scene.variation import draw_views, draw_weathers
-from cnca.targets import look, numbers
 
 VALIDATION_SEED = 7_919
 """Added to a run's seed for the views of the checks."""
@@ -61,7 +61,7 @@ class Validation:
 
     @torch.no_grad()
     def look(self, feature: Tensor) -> dict[str, Any]:
-        """What the targets see of F_adv; the keys are those of :func:`cnca.targets.numbers`."""
+        """What the targets see of F_adv; keys as in :func:`cnca.attack.targets.numbers`."""
         attack, settings = self.attack, self.settings
         texture = attack.texture(self.text_feature, feature, settings.seed, together=True)
         albedo = attack.paint.apply(texture)

@@ -14,9 +14,9 @@ from pathlib import Path
 import torch
 
 from cnca.attack.best import Best
-from cnca.errors import RunError
-from cnca.files import replacing
-from cnca.optimize import Progress
+from cnca.attack.loop import Progress
+from cnca.core.errors import RunError
+from cnca.core.files import replacing
 
 DIGEST = hashlib.sha256().digest_size
 

@@ -10,7 +10,7 @@ import sys
 from cnca.cli import attack, data, evidence, render, report, rerun, train, vehicle  # noqa: F401
 from cnca.cli.app import app
 from cnca.cli.examples import add_examples
-from cnca.errors import CncaError
+from cnca.core.errors import CncaError
 
 add_examples(app)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cnca.errors import RunError
+from cnca.core.errors import RunError
 
 QUIET = "CNCA_QUIET"
 """Environment variable that silences progress bars; ``--quiet`` sets it."""
@@ -15,7 +15,7 @@ MEMORY_BUDGET = "CNCA_MEMORY_BUDGET"
 """Environment variable that bounds the memory of rays; ``--memory-budget`` sets it."""
 
 LAUNCHED = "TORCHELASTIC_RUN_ID"
-"""Environment variable by which ``cnca.parallel`` knows torchrun."""
+"""Environment variable by which ``cnca.core.parallel`` knows torchrun."""
 DIVIDED = ("optimize", "evaluate", "render-dataset", "train-efr")
 """Commands whose work torchrun's processes divide."""
 
@@ -30,7 +30,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from cnca.manifest import versions
+        from cnca.core.manifest import versions
         from cnca.mi_bridge import llvm
 
         library = llvm.first_by_name()
@@ -72,4 +72,4 @@ def _options(
     if memory_budget:
         os.environ[MEMORY_BUDGET] = memory_budget  # likewise in cnca.mi_bridge.memory
     if quiet:
-        os.environ[QUIET] = "1"  # where cnca.progress looks, in this process and its children
+        os.environ[QUIET] = "1"  # where cnca.core.progress looks, in this process and its children

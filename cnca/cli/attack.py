@@ -34,13 +34,13 @@ def optimize(
 
     Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the work of each step.
     """
-    from cnca import parallel
-    from cnca.terminal import attack as terminal
+    from cnca.cli import attack_output as terminal
+    from cnca.core import parallel
 
     with parallel.joined():
         request = options.request(prompt, resume=resume)
         if dry_run:
-            from cnca.attack.forecast import dry_run as forecast
+            from cnca.jobs.attack.forecast import dry_run as forecast
 
             forecast(request, tau)
         else:
@@ -59,7 +59,7 @@ def tradeoff(
 
     The same command goes on after an interruption.
     """
-    from cnca.terminal import attack as terminal
+    from cnca.cli import attack_output as terminal
 
     terminal.tradeoff(options.request(prompt), taus, scorer)
 
@@ -76,7 +76,7 @@ def prompts(
 
     The same command goes on after an interruption.
     """
-    from cnca.terminal import attack as terminal
+    from cnca.cli import attack_output as terminal
 
     terminal.prompts(options.request(wanted[0]), wanted, tau, scorer)
 
@@ -87,6 +87,6 @@ def demo(
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 80,
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
-    from cnca.terminal import attack as terminal
+    from cnca.cli import attack_output as terminal
 
     terminal.demo(out, steps)

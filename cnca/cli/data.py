@@ -21,7 +21,7 @@ def render_dataset(
     spp: Samples = None,
 ) -> None:
     """Render 16 weathers, poses and colours with COCO annotations, masks, poses and weather."""
-    from cnca.terminal import data as terminal
+    from cnca.cli import data_output as terminal
 
     terminal.dataset(scene, out, images=images, shard=shard, tar=tar, samples=spp)
 
@@ -36,7 +36,7 @@ def import_carla(
     fov: Annotated[float, typer.Option(help="Horizontal field of view in degrees.")] = 90.0,
 ) -> None:
     """Turn CARLA frames into a labelled data set, and say how well the mesh meets them."""
-    from cnca.terminal import data as terminal
+    from cnca.cli import data_output as terminal
 
     terminal.import_carla(folder, out, scene, fov=fov)
 
@@ -53,7 +53,7 @@ def reorder_uv(
     size: Annotated[int, typer.Option(help="Texels per side of carried textures.")] = 2048,
 ) -> None:
     """Lay out a vehicle's UVs so that its painted outside is connected, and compare."""
-    from cnca.reorder_uv import Source
-    from cnca.terminal import data as terminal
+    from cnca.cli import data_output as terminal
+    from cnca.jobs.vehicle.reorder_uv import Source
 
     terminal.reorder_uv(Source(mesh, up, front, scale, paint_mask, base_texture), out, size)

@@ -10,7 +10,7 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.options import Generator, Samples, Seed
 from cnca.cli.run_file import Config
-from cnca.errors import RunError
+from cnca.core.errors import RunError
 
 
 @app.command()
@@ -57,9 +57,9 @@ def evaluate(
     config: Config = None,
 ) -> None:
     """Measure AP@0.5 of textures against controls, with confidence intervals."""
-    from cnca.evidence.candidates import CONTROLS
-    from cnca.evidence.parts import Request
-    from cnca.terminal import evidence as terminal
+    from cnca.cli import evidence_output as terminal
+    from cnca.jobs.evaluate.parts import Request
+    from cnca.judge.candidates import CONTROLS
 
     detectors = tuple(detector or ["builtin"])
     if photos is not None or labels is not None:
@@ -108,8 +108,8 @@ def table1(
     config: Config = None,
 ) -> None:
     """Make the paper's Table 1: AP@0.5 of its methods' textures over its grid of views."""
-    from cnca.evidence.parts import Request
-    from cnca.terminal import evidence as terminal
+    from cnca.cli import evidence_output as terminal
+    from cnca.jobs.evaluate.parts import Request
 
     request = Request(
         tuple(scene),

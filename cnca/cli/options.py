@@ -14,7 +14,7 @@ import typer
 from cnca.cli.run_file import Config
 
 if TYPE_CHECKING:
-    from cnca.attack.run import Request
+    from cnca.jobs.attack.run import Request
 
 Scorer = Annotated[Path | None, typer.Option(help="Of cnca train-scorer, or a CLIP folder.")]
 Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
@@ -121,8 +121,8 @@ class AttackOptions:
 
     def request(self, prompt: str, *, resume: bool = False) -> Request:
         """The attack with this prompt, under the bound τ = 1."""
-        from cnca.attack.parts import Settings
-        from cnca.attack.run import Request
+        from cnca.attack.settings import Settings
+        from cnca.jobs.attack.run import Request
 
         settings = Settings(
             prompt,

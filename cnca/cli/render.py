@@ -16,7 +16,7 @@ def doctor(
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
     """Check LLVM, Mitsuba and the other packages, and render a test picture."""
-    from cnca.doctor import diagnose
+    from cnca.jobs.doctor import diagnose
 
     report = diagnose()
     typer.echo(report.as_json() if json else "\n".join(report.lines()))
@@ -44,9 +44,9 @@ def render_scene(
     json: Annotated[bool, typer.Option("--json", help="Print the records as JSON.")] = False,
 ) -> None:
     """Render a scene file: the picture, and a JSON record beside it."""
-    from cnca.render_scene import render_scene
-    from cnca.scene.effects import Demand, parse_effects
-    from cnca.terminal import render as terminal
+    from cnca.cli import render_output as terminal
+    from cnca.effects.plan import Demand, parse_effects
+    from cnca.jobs.render_scene import render_scene
 
     records = render_scene(
         scene,
@@ -75,7 +75,7 @@ def accuracy(
     ] = False,
 ) -> None:
     """Measure what accuracy costs in time; the same command goes on after an interruption."""
-    from cnca.terminal import render as terminal
+    from cnca.cli import render_output as terminal
 
     terminal.accuracy(scene, out, seconds=seconds, view=view, detector=detector, volpath=volpath)
 
@@ -91,7 +91,7 @@ def accuracy_generator(
     seed: Seed = 0,
 ) -> None:
     """Measure what going back through fewer denoising steps costs the gradient."""
-    from cnca.terminal import render as terminal
+    from cnca.cli import render_output as terminal
 
     terminal.generator_accuracy(
         out,
@@ -113,7 +113,7 @@ def calibrate(
     """Measure errors and times of all models, from which render-scene's plan predicts."""
     from rich.console import Console
 
-    from cnca.accuracy.calibrate import calibrate
+    from cnca.jobs.accuracy.calibrate import calibrate
 
     console = Console(stderr=True)
     typer.echo(calibrate(out, scenes=scenes, seed=seed, console=console))

@@ -46,7 +46,7 @@ def build_survey(
     ] = None,
 ) -> None:
     """Make the survey's page, which works as a file and with cnca survey serve."""
-    from cnca.survey.build import build_survey, uneven
+    from cnca.jobs.survey.build import build_survey, uneven
 
     survey = build_survey(images, out, question=question)
     odd = uneven(survey)
@@ -64,7 +64,7 @@ def serve_survey(
     ] = "127.0.0.1",
 ) -> None:
     """Hand out the page and collect the answers, until Ctrl-C."""
-    from cnca.survey.serve import SurveyServer
+    from cnca.jobs.survey.serve import SurveyServer
 
     with SurveyServer(folder, host=host, port=port) as server:
         typer.echo(f"http://{host}:{server.server_port}/ – Ctrl-C ends it")
@@ -77,7 +77,7 @@ def serve_survey(
 @survey.command("score")
 def score_survey(folder: Folder) -> None:
     """Score the answers: mean ± standard deviation by source, tests, the paper's Table 4."""
-    from cnca.survey.score import score_survey
+    from cnca.jobs.survey.score import score_survey
 
     score_survey(folder)
     typer.echo((folder / "score.md").read_text(encoding="utf-8"))

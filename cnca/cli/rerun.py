@@ -18,7 +18,7 @@ def rerun(
     """Repeat a run from its manifest, and say whether its texture came out the same."""
     from rich.console import Console
 
-    from cnca.attack.rerun import rerun
+    from cnca.jobs.attack.rerun import rerun
 
     again = rerun(manifest, out, Console(stderr=True))
     for name, (was, now) in again.other_versions.items():

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cnca.errors import RunError, did_you_mean
+from cnca.core.errors import RunError, did_you_mean
 
 
 def _read(context: typer.Context, file: Path | None) -> Path | None:

@@ -18,7 +18,7 @@ def train_generator(
     resume: Resume = False,
 ) -> None:
     """Train the shipped diffusion pipeline on procedural textures."""
-    from cnca.gen.train import train_generator
+    from cnca.train.generator import train_generator
 
     train_generator(out, seed=seed, resume=resume)
 
@@ -33,7 +33,7 @@ def train_scorer(
     resume: Resume = False,
 ) -> None:
     """Train the shipped prompt scorer on procedural textures, and test it on unseen ones."""
-    from cnca.gen.train_scorer import train_scorer
+    from cnca.train.scorer import train_scorer
 
     trained = train_scorer(out, data=corpus, seed=seed, resume=resume)
     typer.echo(f"{trained.file}: right prompt of ten in {trained.right:.1%} of {trained.pictures}")
@@ -49,7 +49,7 @@ def train_detector(
     resume: Resume = False,
 ) -> None:
     """Render pictures of the built-in vehicles and train a built-in detector on them."""
-    from cnca.datasets.detector import train_builtin
+    from cnca.train.detector_pictures import train_builtin
 
     report = train_builtin(
         out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume
@@ -76,8 +76,8 @@ def harden(
     """Train a built-in detector on camouflages, and measure AP@0.5 before and after."""
     from rich.console import Console
 
-    from cnca.harden import Request, harden
-    from cnca.interrupts import resumable
+    from cnca.core.interrupts import resumable
+    from cnca.jobs.harden import Request, harden
 
     request = Request(tuple(texture), out, detector, scene, pictures, epochs, views, seed)
     console = Console(stderr=True)
@@ -104,7 +104,7 @@ def train_efr(
     seed: Seed = 0,
 ) -> None:
     """Train an EFR that corrects cheap renders towards path-traced ones or photographs."""
-    from cnca.terminal import data as terminal
+    from cnca.cli import data_output as terminal
 
     terminal.train_efr(
         out,

@@ -25,7 +25,7 @@ def check_vehicle(
     """
     import json as text
 
-    from cnca.check_vehicle import check_vehicle
+    from cnca.jobs.vehicle.check_vehicle import check_vehicle
 
     given = {"up": up, "front": front, "scale": scale}
     report = check_vehicle(mesh, out, **{k: v for k, v in given.items() if v is not None})
@@ -58,7 +58,7 @@ def print_sheets(
     """Print a camouflage for a model car: panels of true size, and what printing costs."""
     from rich.console import Console
 
-    from cnca.printing.print_sheets import markdown, print_sheets, read_scale
+    from cnca.jobs.printing.print_sheets import markdown, print_sheets, read_scale
 
     report = print_sheets(
         run,
@@ -84,7 +84,7 @@ def gallery(
     from rich.console import Console
     from rich.table import Table
 
-    from cnca.scene_gallery import entries, write_sheet
+    from cnca.jobs.scene_gallery import entries, write_sheet
 
     listed = entries(folder)
     table = Table("scene", "vehicle", "weather", "cameras")

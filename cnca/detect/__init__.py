@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cnca.errors import DetectorError, did_you_mean
+from cnca.core.errors import DetectorError, did_you_mean
 
 if TYPE_CHECKING:
     import torch
 
-    from cnca.protocols import Detector
+    from cnca.scene.protocols import Detector
 
 BUILTIN, TORCHVISION = "builtin", "torchvision:"
 _ASSETS = Path(__file__).parents[1] / "assets" / "detector"

@@ -9,11 +9,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from cnca.boxes import cxcywh_to_xyxy
+from cnca.core.boxes import cxcywh_to_xyxy
+from cnca.core.types import Candidates
 from cnca.detect.cfg import Section
 from cnca.detect.grid import cell_corners
 from cnca.detect.yolo import LARGEST_EXPONENT
-from cnca.types import Candidates
 
 USUAL_SIZE = 4.0
 """Cells that an object is wide: where training starts."""

@@ -10,13 +10,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.boxes import clip
-from cnca.errors import NonFiniteError
-from cnca.types import Boxes, Candidates, Detections, SrgbImages
+from cnca.core.boxes import clip
+from cnca.core.errors import NonFiniteError
+from cnca.core.types import Boxes, Candidates, Detections, SrgbImages
 
 
 class CandidateDetector(ABC):
-    """A detector (``cnca.protocols.Detector``) that is told apart by its candidates alone."""
+    """A detector (``cnca.scene.protocols.Detector``) that is told apart by its candidates alone."""
 
     name: str
     class_names: Sequence[str]

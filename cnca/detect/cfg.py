@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from cnca.errors import DetectorError, did_you_mean
+from cnca.core.errors import DetectorError, did_you_mean
 
 Value = TypeVar("Value", int, float)
 

@@ -13,10 +13,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
+from cnca.core.errors import did_you_mean
 from cnca.detect.anchor_free import AnchorFreeHead, anchor_free_head
 from cnca.detect.cfg import SECTIONS, Config, Section
 from cnca.detect.yolo import YoloHead, yolo_head
-from cnca.errors import did_you_mean
 
 BATCH_NORM_EPSILON = 1e-5
 """Added to the variance, as Darknet does on GPUs and when it fuses layers."""

@@ -14,12 +14,12 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import pad
 
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.types import Candidates, SrgbImages
 from cnca.detect.base import CandidateDetector
 from cnca.detect.onnx_decode import Unknown
 from cnca.detect.onnx_layouts import Outputs, find_layout
 from cnca.detect.onnx_options import Options, read_options
-from cnca.errors import DetectorError, did_you_mean
-from cnca.types import Candidates, SrgbImages
 
 TYPES = {
     "tensor(float)": np.float32,

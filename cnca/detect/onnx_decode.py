@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.boxes import cxcywh_to_xyxy
+from cnca.core.boxes import cxcywh_to_xyxy
+from cnca.core.types import Candidates
 from cnca.detect.classes import COCO, COCO91
 from cnca.detect.onnx_options import Options
-from cnca.types import Candidates
 
 Rows = Float[Tensor, "batch candidates values"]
 Cells = Float[Tensor, "cells 3"]

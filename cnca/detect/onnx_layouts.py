@@ -21,6 +21,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from cnca.core.types import Candidates
 from cnca.detect.classes import COCO, COCO91
 from cnca.detect.onnx_decode import (
     Cells,
@@ -41,7 +42,6 @@ from cnca.detect.onnx_decode import (
 )
 from cnca.detect.onnx_options import Options
 from cnca.detect.preprocess import IMAGENET, PLAIN, Entry
-from cnca.types import Candidates
 
 Outputs = Mapping[str, Tensor]
 Table = Callable[[Outputs], Rows]

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from cnca.core.errors import DetectorError, did_you_mean
 from cnca.detect.classes import CLASS_LISTS
 from cnca.detect.preprocess import Entry, Fit
-from cnca.errors import DetectorError, did_you_mean
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]

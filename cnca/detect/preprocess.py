@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
-from cnca.types import Boxes, SrgbImages
+from cnca.core.types import Boxes, SrgbImages
 
 Fit = Literal["stretch", "letterbox", "corner"]
 """Resize without regard to the aspect ratio; or keep it, the picture in the middle of the input; or

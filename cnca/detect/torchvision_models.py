@@ -11,11 +11,11 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 from torch.nn.functional import one_hot, pad
 
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.types import Candidates, SrgbImages
 from cnca.detect import TORCHVISION
 from cnca.detect.base import CandidateDetector
 from cnca.detect.classes import COCO91, read_names
-from cnca.errors import DetectorError, did_you_mean
-from cnca.types import Candidates, SrgbImages
 
 FAMILIES = ("fasterrcnn", "retinanet", "ssd", "fcos")
 MOST, LEAST_SCORE = 1000, 0.001

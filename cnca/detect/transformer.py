@@ -13,11 +13,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from cnca.boxes import cxcywh_to_xyxy
+from cnca.core.boxes import cxcywh_to_xyxy
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.types import Candidates, SrgbImages
 from cnca.detect.base import CandidateDetector
 from cnca.detect.preprocess import IMAGENET, PLAIN, Entry
-from cnca.errors import DetectorError, did_you_mean
-from cnca.types import Candidates, SrgbImages
 
 SOFTMAX = ("detr", "yolos")
 """Trained with one more class for nothing, against which softmax weighs the others."""

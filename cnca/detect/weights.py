@@ -11,9 +11,9 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.files import replacing
 from cnca.detect.darknet import Convolution, Darknet
-from cnca.errors import DetectorError, did_you_mean
-from cnca.files import replacing
 
 SUFFIXES = (".safetensors", ".weights")
 

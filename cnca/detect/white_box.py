@@ -7,6 +7,8 @@ from pathlib import Path
 
 import torch
 
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.types import Candidates, SrgbImages
 from cnca.detect.base import CandidateDetector
 from cnca.detect.cfg import Config, parse_config, read_config
 from cnca.detect.classes import COCO, read_names
@@ -14,8 +16,6 @@ from cnca.detect.darknet import Darknet
 from cnca.detect.preprocess import letterbox, stretch
 from cnca.detect.weights import SUFFIXES, load_weights
 from cnca.detect.yolov3 import CONFIGS
-from cnca.errors import DetectorError, did_you_mean
-from cnca.types import Candidates, SrgbImages
 
 
 class DarknetDetector(CandidateDetector):

@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from cnca.boxes import cxcywh_to_xyxy
+from cnca.core.boxes import cxcywh_to_xyxy
+from cnca.core.types import Candidates
 from cnca.detect.cfg import Section
 from cnca.detect.grid import cell_corners
-from cnca.types import Candidates
 
 LARGEST_EXPONENT = 8.0
 """Bound on t_w and t_h: a box is at most e⁸ ≈ 2981 anchors wide, where exp cannot overflow."""

@@ -37,9 +37,9 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from cnca.errors import CncaError
-from cnca.files import replacing
-from cnca.types import LinearImages, PlainPictures
+from cnca.core.errors import CncaError
+from cnca.core.files import replacing
+from cnca.core.types import LinearImages, PlainPictures
 
 WIDTHS = (16, 32, 32)
 CHANNELS = 7

@@ -11,9 +11,9 @@ import torch.nn.functional as F
 from torch import Tensor
 from transformers import CLIPModel, CLIPTokenizer
 
-from cnca.errors import GeneratorError
+from cnca.core.errors import GeneratorError
+from cnca.core.types import SrgbImages
 from cnca.gen.scorer import Cosines
-from cnca.types import SrgbImages
 
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 """Of the pictures that CLIP was trained on, where the folder does not say otherwise."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import torch
 
-from cnca.pictures import SrgbPicture, as_pictures, side_by_side
-from cnca.protocols import TextureGenerator
+from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side
+from cnca.scene.protocols import TextureGenerator
 
 
 @torch.no_grad()

@@ -20,8 +20,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from cnca.errors import GeneratorError, did_you_mean
-from cnca.files import replacing
+from cnca.core.errors import GeneratorError, did_you_mean
+from cnca.core.files import replacing
 
 CONCAT, REPLACE = "concat", "replace"
 KINDS = (CONCAT, REPLACE)

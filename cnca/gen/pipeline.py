@@ -12,7 +12,7 @@ from torch import nn
 from transformers import CLIPTextModel, CLIPTokenizer
 from transformers.utils.logging import disable_progress_bar
 
-from cnca.errors import GeneratorError
+from cnca.core.errors import GeneratorError
 
 SHIPPED = Path(__file__).parents[1] / "assets" / "generator"
 """The small generator that comes with CNCA; see the model card in that folder."""

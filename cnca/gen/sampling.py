@@ -22,12 +22,12 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from cnca import parallel
-from cnca.errors import GeneratorError, NonFiniteError
+from cnca.core import parallel
+from cnca.core.errors import GeneratorError, NonFiniteError
+from cnca.core.types import SrgbTexture
 from cnca.gen import GUIDANCE
 from cnca.gen.feature import CONCAT, REPLACE, check_finite, check_kind, default_tokens
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
-from cnca.types import SrgbTexture
 
 TextFeature = Float[Tensor, "tokens width"]
 

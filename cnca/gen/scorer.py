@@ -19,9 +19,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from cnca.errors import GeneratorError
-from cnca.files import replacing
-from cnca.types import SrgbImages
+from cnca.core.errors import GeneratorError
+from cnca.core.files import replacing
+from cnca.core.types import SrgbImages
 
 SHIPPED_SCORER = Path(__file__).parents[1] / "assets" / "scorer" / "scorer.safetensors"
 SIDE = 64

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cnca.errors import GeneratorError, did_you_mean
+from cnca.core.errors import GeneratorError, did_you_mean
 from cnca.gen import patterns
 from cnca.gen.palettes import BASE_COLOURS, COLORFUL, COLOUR_WORDS, palette
 from cnca.gen.patterns import Pattern, Picture

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
+from cnca.core.types import Boxes, LinearImages, LinearTexture, PlainPictures
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
-from cnca.types import Boxes, LinearImages, LinearTexture, PlainPictures
 
 BACKGROUND_SEED = 0x2545F491
 """Seed of every background, whichever step comes upon it first."""
@@ -36,7 +36,7 @@ class Background:
 
 
 class KeptBackgrounds:
-    """Renders the vehicle's pixels of each view; a :class:`cnca.protocols.Renderer`.
+    """Renders the vehicle's pixels of each view; a :class:`cnca.scene.protocols.Renderer`.
 
     The first picture of a view in a weather is rendered whole, in the plain paint, and kept:
     meant for a loop that comes back to the same views.

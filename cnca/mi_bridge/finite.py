@@ -7,7 +7,7 @@ from functools import partial
 import torch
 from jaxtyping import Float
 
-from cnca.errors import NonFiniteError
+from cnca.core.errors import NonFiniteError
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.weather import Weather
 

@@ -25,7 +25,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from cnca.errors import NonFiniteError
+from cnca.core.errors import NonFiniteError
 from cnca.mi_bridge.light import Light, sky_directions, sky_solid_angles
 from cnca.scene.weather import Fog
 

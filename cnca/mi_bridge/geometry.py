@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from cnca.errors import TextureError
+from cnca.core.errors import TextureError
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.materials import Material
-from cnca.scene.mesh import Part, Vehicle
+from cnca.vehicle.model import Part, Vehicle
 
 GROUND_RADIUS = 2000.0
 """Metres; beyond it the sky map's lower half goes on with the same colour."""
@@ -39,7 +39,7 @@ class Geometry:
             ground_albedo: linear RGB in [0, 1].
             texture_size: texels per side of the texture on everything painted.
             props: other things that stand around; painted ones wear the vehicle's texture.
-            materials: model of :data:`cnca.scene.effects.LADDERS` for every part.
+            materials: model of :data:`cnca.effects.plan.LADDERS` for every part.
             glass: likewise; "pane" makes thin panes of what lets light through.
 
         Raises:

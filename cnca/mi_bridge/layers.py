@@ -9,12 +9,12 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
+from cnca.core.types import Boxes
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.rays import Cameras, average_samples
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
-from cnca.types import Boxes
 
 MASK_SAMPLES = 8
 INSIDE_SHARE = 0.95

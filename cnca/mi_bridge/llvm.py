@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cnca.errors import BackendError
+from cnca.core.errors import BackendError
 
 VARIABLE = "DRJIT_LIBLLVM_PATH"
 OLDEST = 17

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import torch
 
+from cnca.core.types import Boxes, LinearImages, LinearTexture, PlainPictures
 from cnca.mi_bridge.affine import AffinePicture, look_up
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
 from cnca.mi_bridge.renderer import refuse_bad_texture
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
-from cnca.types import Boxes, LinearImages, LinearTexture, PlainPictures
 
 Shading = Callable[[View, Weather, LinearTexture], AffinePicture]
 """Shades one view in one weather; interreflections may show the texture."""
@@ -35,7 +35,7 @@ class _Kept:
 
 
 class LookupRenderer:
-    """A :class:`cnca.protocols.Renderer` whose pictures are affine in the texture.
+    """A :class:`cnca.scene.protocols.Renderer` whose pictures are affine in the texture.
 
     Meant, as :class:`KeptBackgrounds`, for a loop that comes back to the same views.  Pictures have
     no other noise than their shading, which does not change: the seed is without effect.

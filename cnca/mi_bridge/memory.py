@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 
-from cnca.errors import BackendError
+from cnca.core.errors import BackendError
 
 BUDGET = "CNCA_MEMORY_BUDGET"
 """Environment variable with the memory that rays may take; ``cnca --memory-budget`` sets it."""

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
+from cnca.core.types import LinearTexture
 from cnca.mi_bridge.affine import AffinePicture, texel_weights
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.light import (
@@ -25,7 +26,6 @@ from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
-from cnca.types import LinearTexture
 
 FILTER_SAMPLES = 64
 """First hits per pixel, over which texture and shading are averaged: with 16 the gradient's texels

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 

@@ -1,4 +1,4 @@
-"""The Mitsuba backend: a :class:`cnca.protocols.Renderer`."""
+"""The Mitsuba backend: a :class:`cnca.scene.protocols.Renderer`."""
 
 from __future__ import annotations
 
@@ -10,29 +10,23 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from cnca.errors import TextureError
+from cnca.core.errors import TextureError
+from cnca.core.types import Boxes, LinearImages, LinearTexture
+from cnca.effects.plan import Demand, EffectPlan, plan
+from cnca.effects.prices import Subject, mean_over_area
 from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.finite import refuse_non_finite
 from cnca.mi_bridge.fog import FogField, solve_fog
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
-from cnca.mi_bridge.layers import (
-    Layers,
-    first_hits,
-    mask_boxes,
-    refuse_inside,
-    vehicle_mask,
-)
+from cnca.mi_bridge.layers import Layers, first_hits, mask_boxes, refuse_inside, vehicle_mask
 from cnca.mi_bridge.light import lambertian_white, make_light
 from cnca.mi_bridge.memory import refuse_too_many, samples_at_once
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
-from cnca.scene.effects import Demand, EffectPlan, plan
-from cnca.scene.mesh import Part, Vehicle
-from cnca.scene.prices import Subject, mean_over_area
 from cnca.scene.weather import Weather
-from cnca.types import Boxes, LinearImages, LinearTexture
+from cnca.vehicle.model import Part, Vehicle
 
 WEATHERS_KEPT = 64
 """Weathers whose sky and fog stay in memory (about 3 MB each)."""
@@ -98,7 +92,7 @@ class MitsubaRenderer:
     def render(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
     ) -> LinearImages:
-        """Exposed linear images (views, 3, height, width); see :class:`cnca.protocols.Renderer`.
+        """Exposed linear images (views, 3, height, width); :class:`cnca.scene.protocols.Renderer`.
 
         Raises:
             TextureError: the texture has another shape than (3, size, size), holds NaN, or leaves

@@ -18,6 +18,7 @@ import torch
 from jaxtyping import Float
 from scipy.sparse import csr_array
 
+from cnca.core.types import LinearTexture
 from cnca.mi_bridge.affine import AffinePicture, texel_weights
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED, KeptBackgrounds
 from cnca.mi_bridge.bridge import Shot
@@ -26,7 +27,6 @@ from cnca.mi_bridge.integrator import trace
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
-from cnca.types import LinearTexture
 
 RAYS_AT_ONCE = 2**20
 """Each takes about 250 bytes here, and sorted texels."""

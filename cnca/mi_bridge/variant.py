@@ -15,7 +15,7 @@ import os
 import subprocess
 import sys
 
-from cnca.errors import BackendError, did_you_mean
+from cnca.core.errors import BackendError, did_you_mean
 from cnca.mi_bridge import llvm
 
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")

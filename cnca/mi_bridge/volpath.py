@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from cnca.errors import NonFiniteError, SceneError
+from cnca.core.errors import NonFiniteError, SceneError
+from cnca.core.types import LinearImages, LinearTexture
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR, Geometry
 from cnca.mi_bridge.light import SUN_HALF_ANGLE, Light
 from cnca.mi_bridge.rays import Cameras, average_samples
@@ -20,7 +21,6 @@ from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.weather import Fog, Weather
-from cnca.types import LinearImages, LinearTexture
 
 LAYER_HALF_WIDTH = 3000.0
 """Metres; the fog's box must end, far beyond every visibility that matters."""

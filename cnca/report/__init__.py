@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cnca.files import write_text
+from cnca.core.files import write_text
 
 if TYPE_CHECKING:
     from cnca.report.blocks import Turntable
@@ -35,7 +35,7 @@ def write_report(folder: Path, turntables: Sequence[Turntable] = ()) -> Path:
     """
     from cnca.report.blocks import Part
     from cnca.report.parts import read_parts
-    from cnca.webpage import render
+    from cnca.report.webpage import render
 
     first, *others = read_parts(folder)
     if turntables:

@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from markupsafe import Markup
 
-from cnca.evidence.bootstrap import Sampled, resample
-from cnca.evidence.report import cell, table
-from cnca.pictures import CAPTION_HEIGHT, SrgbPicture
+from cnca.core.images import read_texture_srgb
+from cnca.core.pictures import CAPTION_HEIGHT, SrgbPicture
+from cnca.judge.bootstrap import Sampled, resample
 from cnca.report import MEANING, shown_views
 from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip
 from cnca.report.curves import draw
 from cnca.report.markdown import as_html
-from cnca.scene.images import read_texture_srgb
-from cnca.webpage import file_uri, jpeg_uri
+from cnca.report.tables import cell, table
+from cnca.report.webpage import file_uri, jpeg_uri
 
 
 def attack_parts(folder: Path, summary: Mapping[str, Any]) -> list[Part]:

@@ -10,7 +10,7 @@ from typing import Any
 from cnca.report.attack import before_after
 from cnca.report.blocks import Gallery, Part, Picture, Prose
 from cnca.report.markdown import as_html
-from cnca.webpage import file_uri
+from cnca.report.webpage import file_uri
 
 TITLES = {
     "tradeoff": "Naturalness against strength",

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cnca.evidence.candidates import NORMAL
-from cnca.pictures import SrgbPicture
+from cnca.core.pictures import SrgbPicture
+from cnca.judge.candidates import NORMAL
 from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip
 from cnca.report.markdown import as_html
-from cnca.webpage import file_uri, jpeg_uri
+from cnca.report.webpage import file_uri, jpeg_uri
 
 SHOWN_VIEWS = 4
 PICTURES = {

@@ -8,14 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cnca.errors import RunError
-from cnca.evidence.report import table
+from cnca.core.errors import RunError
 from cnca.report.attack import attack_parts
 from cnca.report.blocks import Details, Gallery, Part, Picture, Prose
 from cnca.report.comparison import TITLES, comparison_parts
 from cnca.report.evidence import evidence_parts
 from cnca.report.markdown import as_html
-from cnca.webpage import file_uri
+from cnca.report.tables import table
+from cnca.report.webpage import file_uri
 
 Reader = Callable[[Path, Mapping[str, Any]], list[Part]]
 

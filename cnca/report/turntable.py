@@ -14,20 +14,20 @@ import torch
 from rich.console import Console
 
 from cnca import build
-from cnca.errors import RunError, SceneError
-from cnca.evaluate import Shots, photograph
-from cnca.evidence.candidates import Candidate, parse_candidates, read_candidate
-from cnca.evidence.gallery import digest, kept_pictures
-from cnca.evidence.stage import scene_key
-from cnca.pictures import as_pictures
-from cnca.progress import bar
+from cnca.core.errors import RunError, SceneError
+from cnca.core.pictures import as_pictures
+from cnca.core.progress import bar
+from cnca.core.types import SrgbImages
+from cnca.judge.candidates import Candidate, parse_candidates, read_candidate
+from cnca.judge.evaluate import Shots, photograph
+from cnca.judge.gallery import digest, kept_pictures
+from cnca.judge.stage import scene_key
 from cnca.report.blocks import Turntable
 from cnca.report.comparison import TITLES
+from cnca.report.webpage import jpeg_uri
 from cnca.scene.cameras import View, orbit_view
-from cnca.scene.mesh import Vehicle
 from cnca.scene.schema import Scene, load_scene
-from cnca.types import SrgbImages
-from cnca.webpage import jpeg_uri
+from cnca.vehicle.model import Vehicle
 
 SAMPLES = 16
 """Rays per pixel: enough for pictures that turn."""

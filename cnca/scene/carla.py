@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
+from cnca.core.images import SrgbArray
 from cnca.scene.cameras import View
-from cnca.scene.images import SrgbArray
 
 MOST_BYTES = 2**28
 """Of an array: a picture of 8192 × 8192 pixels has three quarters of it."""
@@ -102,7 +102,7 @@ def carla_view(
         lift: metres by which our z = 0 (the lowest point of the vehicle) lies above the vehicle's
             location along its own up axis; negative where CARLA's location is above the ground.
             It differs between frames where the stored location is the one that the vehicle was
-            dropped from onto its springs; :func:`cnca.scene.outline.fit_lift` measures it.
+            dropped from onto its springs; :func:`cnca.vehicle.outline.fit_lift` measures it.
         width: pixels per row.
         height: rows.
         fov: horizontal field of view in degrees.

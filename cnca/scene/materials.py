@@ -42,4 +42,4 @@ MATERIALS: dict[str, Material] = {
     "trim": Material((0.018, 0.018, 0.019), 0.55, specular=0.4),
     "underbody": Material((0.012, 0.012, 0.012), 0.90, specular=0.2),
 }
-"""Every material that a :class:`cnca.scene.mesh.Part` may name."""
+"""Every material that a :class:`cnca.vehicle.model.Part` may name."""

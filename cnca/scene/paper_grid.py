@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from cnca.errors import SceneError, did_you_mean
+from cnca.core.errors import SceneError, did_you_mean
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog, Weather

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from cnca.errors import SceneError, did_you_mean
+from cnca.core.errors import SceneError, did_you_mean
 from cnca.scene.materials import MATERIALS
 from cnca.scene.shipped import scene_file
 from cnca.scene.weather import MOST_ASYMMETRY, Fog, Weather

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cnca.errors import SceneError, did_you_mean
+from cnca.core.errors import SceneError, did_you_mean
 
 FOLDER = Path(__file__).parents[1] / "assets" / "scenes"
 """In a checkout a link to ``scenes/``."""

@@ -7,10 +7,10 @@ import torch
 
 from cnca.attack import checkpoint
 from cnca.attack.best import Best, Validation
-from cnca.attack.parts import Settings
-from cnca.attack.run import held_out_shots
-from cnca.errors import NonFiniteError
-from cnca.optimize import draw_pool, optimize, start
+from cnca.attack.loop import draw_pool, optimize, start
+from cnca.attack.settings import Settings
+from cnca.core.errors import NonFiniteError
+from cnca.jobs.attack.run import held_out_shots
 from cnca.scene.schema import Scene
 from tests.fake_attack import GreyGenerator, attack
 

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from cnca.attack import checkpoint
-from cnca.errors import RunError
-from cnca.optimize import Progress
+from cnca.attack.loop import Progress
+from cnca.core.errors import RunError
 
 
 def progress(step: int = 0, value: float = 0.0) -> Progress:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.datasets.detector import train_builtin
+from cnca.core.errors import CncaError, DetectorError, RunError
 from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
-from cnca.detect.dataset import LabelledPictures
-from cnca.detect.train import Settings, Training, start
-from cnca.detect.yolo_loss import Targets
-from cnca.errors import CncaError, DetectorError, RunError
+from cnca.train.dataset import LabelledPictures
+from cnca.train.detector import Settings, Training, start
+from cnca.train.detector_pictures import train_builtin
+from cnca.train.yolo_loss import Targets
 from tests.detect.test_detectors import DetectorContract
 
 LARGEST = 15e6

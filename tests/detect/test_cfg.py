@@ -2,9 +2,9 @@
 
 import pytest
 
+from cnca.core.errors import DetectorError
 from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Darknet
-from cnca.errors import DetectorError
 from tests.detect.conftest import TINY
 
 

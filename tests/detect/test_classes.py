@@ -2,8 +2,8 @@
 
 import pytest
 
+from cnca.core.errors import DetectorError
 from cnca.detect.classes import COCO, COCO91, NOTHING, VOC, vehicle_labels
-from cnca.errors import DetectorError
 
 
 def test_names_of_coco():

@@ -5,10 +5,10 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from cnca.core.errors import DetectorError
 from cnca.detect.cfg import read_config
 from cnca.detect.darknet import ACTIVATIONS, Darknet
 from cnca.detect.weights import load_weights, save_weights
-from cnca.errors import DetectorError
 from tests.detect import reference
 from tests.detect.conftest import WEIGHT_COUNT
 

@@ -6,11 +6,11 @@ import sys
 import pytest
 import torch
 
+from cnca.core.errors import DetectorError, NonFiniteError
 from cnca.detect import BUILTINS, load_detector
 from cnca.detect.base import suppress
 from cnca.detect.preprocess import letterbox, stretch
-from cnca.errors import DetectorError, NonFiniteError
-from cnca.protocols import Detector
+from cnca.scene.protocols import Detector
 
 # The vehicle's box in the frames, read off by eye to about 15 pixels.
 CAR_IN_STREET = torch.tensor([185.0, 312.0, 600.0, 500.0])

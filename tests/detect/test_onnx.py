@@ -14,8 +14,8 @@ pytest.importorskip("onnx", reason="needs the package onnx to build graphs")
 
 from onnx import TensorProto
 
+from cnca.core.errors import DetectorError
 from cnca.detect import load_detector
-from cnca.errors import DetectorError
 from tests.detect.graphs import SIZE, cells, write_echo, write_graph
 from tests.detect.test_detectors import DetectorContract
 

@@ -5,8 +5,8 @@ import importlib.util
 import pytest
 import torch
 
+from cnca.core.errors import DetectorError
 from cnca.detect import load_detector
-from cnca.errors import DetectorError
 from tests.detect.test_detectors import DetectorContract
 
 MODELS = ("fasterrcnn_mobilenet_v3_large_320_fpn", "retinanet_resnet50_fpn", "fcos_resnet50_fpn")

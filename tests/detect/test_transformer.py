@@ -26,8 +26,8 @@ from transformers import (
     YolosForObjectDetection,
 )
 
+from cnca.core.errors import DetectorError
 from cnca.detect import load_detector
-from cnca.errors import DetectorError
 from tests.detect.test_detectors import DetectorContract
 
 LABELS = {"id2label": {0: "N/A", 1: "person", 2: "car"}, "label2id": {"person": 1, "car": 2}}

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from cnca.core.errors import DetectorError
 from cnca.detect import load_detector
 from cnca.detect.cfg import parse_config
 from cnca.detect.darknet import Convolution, Darknet
 from cnca.detect.weights import load_weights
 from cnca.detect.yolov3 import CONFIGS, yolov3, yolov3_tiny
-from cnca.errors import DetectorError
 from tests.detect import reference
 from tests.detect.test_detectors import DetectorContract
 

@@ -3,10 +3,10 @@ import gc
 import pytest
 import torch
 
+from cnca.core.errors import CncaError
+from cnca.core.types import PlainPictures
 from cnca.efr.unet import EnvironmentFeatureRenderer, paint_slope, weighted_bce
-from cnca.errors import CncaError
-from cnca.protocols import Residual
-from cnca.types import PlainPictures
+from cnca.scene.protocols import Residual
 
 
 def pictures(seed: int, count: int = 1, height: int = 37, width: int = 50) -> torch.Tensor:

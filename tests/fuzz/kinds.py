@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 
 from cnca import build
 from cnca.attack import checkpoint
+from cnca.core.images import read_mask, read_texture_srgb
 from cnca.detect import load_detector
 from cnca.efr.unet import EnvironmentFeatureRenderer
 from cnca.gen.feature import StoredFeature
 from cnca.gen.scorer import BagScorer
 from cnca.scene.carla import read_carla_frame
-from cnca.scene.images import read_mask, read_texture_srgb
-from cnca.scene.load_mesh import load_vehicle
 from cnca.scene.schema import load_scene
-from cnca.scene.uv import paint_mask
 from cnca.scene.variation import draw_views, draw_weathers
+from cnca.vehicle.mesh.load_mesh import load_vehicle
+from cnca.vehicle.uv.masks import paint_mask
 from tests.fuzz import mutations, samples
 
 Mutation = Callable[[bytes], st.SearchStrategy[bytes]]

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 from onnx import load_from_string
 
 from cnca.attack import checkpoint
+from cnca.attack.loop import Progress
+from cnca.core.images import write_exr
 from cnca.detect.cfg import parse_config
 from cnca.detect.darknet import Darknet
 from cnca.detect.weights import _in_file_order, save_weights
 from cnca.efr.unet import EnvironmentFeatureRenderer
 from cnca.gen.feature import StoredFeature
 from cnca.gen.scorer import BagScorer
-from cnca.optimize import Progress
-from cnca.scene.images import write_exr
 from tests.detect.graphs import write_echo
 
 SCENE = b"""vehicle:

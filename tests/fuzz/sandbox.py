@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cnca.errors import CncaError
+from cnca.core.errors import CncaError
 
 SECONDS = 10
 BYTES = 2**31

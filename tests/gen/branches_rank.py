@@ -10,7 +10,7 @@ from pathlib import Path
 
 import torch
 
-from cnca import parallel
+from cnca.core import parallel
 from cnca.gen import feature
 from cnca.gen.sampling import DiffusionTextureGenerator
 from tests.gen.tiny import tiny_pipeline

@@ -4,7 +4,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from cnca.errors import GeneratorError
+from cnca.core.errors import GeneratorError
 from cnca.gen.feature import StoredFeature, check_kind, default_tokens, initial, project
 
 

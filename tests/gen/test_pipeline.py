@@ -4,7 +4,7 @@ import shutil
 import pytest
 import torch
 
-from cnca.errors import GeneratorError
+from cnca.core.errors import GeneratorError
 from cnca.gen.pipeline import load_pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
 

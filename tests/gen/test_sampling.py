@@ -5,12 +5,12 @@ import pytest
 import torch
 from diffusers import DDIMScheduler, StableDiffusionPipeline
 
-from cnca.errors import GeneratorError
+from cnca.core.errors import GeneratorError
 from cnca.gen import feature
 from cnca.gen.live_memory import LiveMemory
 from cnca.gen.pipeline import Pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
-from cnca.protocols import TextureGenerator
+from cnca.scene.protocols import TextureGenerator
 
 
 def seeded(seed: int = 3) -> torch.Generator:

@@ -7,10 +7,11 @@ import pytest
 import torch
 from transformers import CLIPConfig, CLIPModel, CLIPTokenizer
 
-from cnca.errors import GeneratorError
-from cnca.gen import architecture, scorer, train_scorer
+from cnca.core.errors import GeneratorError
+from cnca.gen import architecture, scorer
 from cnca.gen.clip_scorer import DEVIATION, MEAN
 from cnca.gen.scorer import BagScorer, load_scorer, right_prompts, words
+from cnca.train import scorer as train_scorer
 
 COLOURS = {"red": (1.0, 0, 0), "green": (0, 1.0, 0), "blue": (0, 0, 1.0), "white": (1.0, 1, 1)}
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cnca.errors import GeneratorError
+from cnca.core.errors import GeneratorError
 from cnca.gen import textures
 from cnca.gen.palettes import COLOUR_WORDS
 

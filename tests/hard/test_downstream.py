@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.color import linear_to_srgb
+from cnca.attack.loss import detection_loss
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import SceneError
+from cnca.core.types import Candidates, Detections
 from cnca.detect import load_detector
-from cnca.errors import SceneError
-from cnca.loss import detection_loss
-from cnca.paint import Paint
-from cnca.protocols import Detector
-from cnca.scores import detection_score
-from cnca.types import Candidates, Detections
+from cnca.judge.scores import detection_score
+from cnca.scene.paint import Paint
+from cnca.scene.protocols import Detector
 from tests.hard.looks import Stage, look
 
 BOX = torch.tensor([4.0, 4.0, 20.0, 20.0])

@@ -7,7 +7,7 @@ import pytest
 import torch
 from jaxtyping import Float
 
-from cnca.color import srgb_to_linear
+from cnca.core.color import srgb_to_linear
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
 from cnca.scene.materials import Material
 from tests.hard.looks import DIFFERENT, SEEDS, Look, load, look, pixel_directions, sky_towards

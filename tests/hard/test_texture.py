@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from cnca.color import srgb_to_linear
+from cnca.core.color import srgb_to_linear
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
 from tests.hard.looks import Stage, look
 

@@ -12,10 +12,10 @@ from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.mi_bridge.raster import PlainShading
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.shading_cache import TracedShading
-from cnca.protocols import Renderer
 from cnca.scene.cameras import View, orbit_view
-from cnca.scene.mesh import Vehicle
-from cnca.scene.props import box
+from cnca.scene.protocols import Renderer
+from cnca.vehicle.builtin.props import box
+from cnca.vehicle.model import Vehicle
 
 BOX = np.array([4.0, 2.0, 1.5])
 """Length, width and height in metres."""

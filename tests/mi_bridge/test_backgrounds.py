@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
-from cnca.protocols import Renderer
+from cnca.scene.protocols import Renderer
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit
 

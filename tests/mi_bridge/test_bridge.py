@@ -8,7 +8,7 @@ import weakref
 import pytest
 import torch
 
-from cnca.errors import TextureError
+from cnca.core.errors import TextureError
 from cnca.mi_bridge import memory
 from cnca.mi_bridge import renderer as renderer_module
 from cnca.mi_bridge.bridge import BACKWARD_SEED

@@ -10,14 +10,14 @@ from dataclasses import replace
 import pytest
 import torch
 
+from cnca.effects.plan import Demand
 from cnca.mi_bridge import integrator
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import dr
-from cnca.scene.effects import Demand
 from cnca.scene.materials import MATERIALS
-from cnca.scene.mesh import Vehicle
-from cnca.scene.props import box
 from cnca.scene.weather import Fog, Weather
+from cnca.vehicle.builtin.props import box
+from cnca.vehicle.model import Vehicle
 from tests.mi_bridge.conftest import BOX, orbit
 
 SUNNY, DUSK = Weather(sun_altitude=40), Weather(sun_altitude=-2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.errors import NonFiniteError
+from cnca.core.errors import NonFiniteError
 from cnca.mi_bridge import renderer as renderer_module
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit

@@ -17,9 +17,9 @@ from cnca.mi_bridge.forward import (
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
 from cnca.scene.cameras import orbit_view
-from cnca.scene.mesh import Vehicle
-from cnca.scene.props import box
 from cnca.scene.weather import Fog, Weather
+from cnca.vehicle.builtin.props import box
+from cnca.vehicle.model import Vehicle
 
 ERROR = 0.5 / np.sqrt(RAYS / 4)
 """Bound on one share's standard error: at least a quarter of the rays meet the vehicle."""

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.errors import SceneError, TextureError
+from cnca.core.errors import SceneError, TextureError
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
 from cnca.scene.cameras import View
-from cnca.scene.mesh import Part, Vehicle
-from cnca.scene.props import ball, box, placed
+from cnca.vehicle.builtin.props import ball, box, placed
+from cnca.vehicle.model import Part, Vehicle
 from tests.mi_bridge.conftest import BOX, orbit
 
 SIDE = 64

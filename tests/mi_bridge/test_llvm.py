@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cnca.errors import BackendError
+from cnca.core.errors import BackendError
 from cnca.mi_bridge import llvm
 
 
@@ -106,7 +106,7 @@ def _import_mitsuba(**environment: str) -> subprocess.CompletedProcess[str]:
 def _refused_in_one_line(answer: subprocess.CompletedProcess[str]) -> str:
     assert answer.returncode == 1, f"expected an exception, got code {answer.returncode}"
     last = answer.stderr.strip().splitlines()[-1]
-    assert last.startswith("cnca.errors.BackendError: ")
+    assert last.startswith("cnca.core.errors.BackendError: ")
     return last
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from cnca.effects.plan import Demand
 from cnca.mi_bridge.affine import AffinePicture, look_up, texel_weights
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.light import make_light, sky_directions, sky_solid_angles
@@ -13,8 +14,7 @@ from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.mi_bridge.raster import PlainShading, matt_white
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.shading_cache import TracedShading
-from cnca.protocols import LoopRenderer, Renderer
-from cnca.scene.effects import Demand
+from cnca.scene.protocols import LoopRenderer, Renderer
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit, uniform_light
 

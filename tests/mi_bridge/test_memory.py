@@ -5,7 +5,7 @@ import os
 import pytest
 import torch
 
-from cnca.errors import BackendError
+from cnca.core.errors import BackendError
 from cnca.mi_bridge import memory
 from cnca.mi_bridge.bridge import render
 from cnca.mi_bridge.variant import dr

@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from cnca import build
-from cnca.errors import CncaError
+from cnca.core.errors import CncaError
+from cnca.effects.plan import Demand
 from cnca.mi_bridge.integrator import Sky, Surroundings
 from cnca.mi_bridge.light import make_light
 from cnca.mi_bridge.panes import MOST_PANES
@@ -18,11 +19,10 @@ from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
 from cnca.mi_bridge.volpath import lit_by_mitsuba, mitsuba_picture
 from cnca.scene.cameras import View
-from cnca.scene.effects import Demand
 from cnca.scene.materials import MATERIALS
-from cnca.scene.mesh import Vehicle
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog, Weather
+from cnca.vehicle.model import Vehicle
 from tests.mi_bridge.conftest import BOX, box, orbit
 from tests.mi_bridge.tracing import diffuse, picture
 

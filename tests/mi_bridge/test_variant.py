@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from cnca.errors import BackendError
+from cnca.core.errors import BackendError
 from cnca.mi_bridge import variant
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.errors import NonFiniteError, SceneError
+from cnca.core.errors import NonFiniteError, SceneError
+from cnca.effects.plan import Demand
 from cnca.mi_bridge.integrator import Sky
 from cnca.mi_bridge.light import SUN_HALF_ANGLE, make_light, sky_directions
 from cnca.mi_bridge.rays import Cameras
@@ -22,7 +23,6 @@ from cnca.mi_bridge.volpath import (
     volpath_picture,
 )
 from cnca.scene.cameras import View
-from cnca.scene.effects import Demand
 from cnca.scene.weather import Fog, Weather
 from tests.mi_bridge.conftest import orbit, uniform_light
 from tests.mi_bridge.tracing import diffuse

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cnca.pictures import side_by_side, write_png
+from cnca.core.pictures import side_by_side, write_png
 from cnca.report import MEANING
 
 RED, BLUE, GREEN, WHITE = (220, 0, 0), (0, 0, 220), (0, 160, 0), (255, 255, 255)

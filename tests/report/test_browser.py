@@ -6,7 +6,7 @@ import pytest
 
 from cnca.report import write_report
 from cnca.report.blocks import Turntable
-from cnca.webpage import jpeg_uri
+from cnca.report.webpage import jpeg_uri
 from tests.accessibility import complaints
 from tests.report import folders
 from tests.report.folders import BLUE, GREEN, RED, WHITE

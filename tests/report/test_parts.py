@@ -8,13 +8,13 @@ import pytest
 from rich.console import Console
 
 from cnca import build
-from cnca.errors import CncaError, RunError
+from cnca.core.errors import CncaError, RunError
 from cnca.report import MEANING, shown_views, write_report
 from cnca.report.attack import attack_parts
 from cnca.report.curves import draw
 from cnca.report.markdown import as_html
 from cnca.report.turntable import FIELD_OF_VIEW, HEIGHT, WIDTH, around, turntables
-from cnca.scene.load_mesh import resolve_vehicle
+from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from tests.report import folders
 
 SCENE = "vehicle: {mesh: builtin:sedan, texture_size: 16}\n"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
 from cnca.scene.carla import carla_view, read_carla_frame, rotation
-from cnca.scene.outline import project
+from cnca.vehicle.outline import project
 
 SHARED = Path(__file__).parents[2] / "../shared"
 MIRROR = np.diag([1.0, -1.0, 1.0])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
 from cnca.scene.cameras import orbit_of
 from cnca.scene.paper_grid import PRESETS, balanced_cells, find_grid, grid_shots
 from cnca.scene.schema import Scene

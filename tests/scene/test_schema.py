@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
 from cnca.scene.schema import CarlaCamera, OrbitCamera, Scene, load_scene
 from cnca.scene.weather import Fog, Weather
 

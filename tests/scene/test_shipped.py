@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cnca.errors import SceneError
+from cnca.core.errors import SceneError
 from cnca.scene.schema import load_scene
 from cnca.scene.shipped import scene_file
 

@@ -1,0 +1,167 @@
+"""The attack: prompt → diffusion → texture → path tracer → detector → loss → F_adv.
+
+=====================  =========================================================
+in the code            in the paper
+=====================  =========================================================
+``text_feature``       F_txt (equation 7)
+``feature``            F_adv; its bound τ is ``Settings.tau``
+``texture``            T_adv = T2I([κ(F_adv), F_txt]) (equation 8)
+``detection_loss``     D_s and L_adv (equation 11)
+``optimizer.step``     the update of F_adv (equation 12; Adam, section 4.1)
+``project``            κ (equation 13)
+=====================  =========================================================
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from cnca.attack.best import Best, Validation
+from cnca.attack.settings import WEATHERS, Attack, Settings
+from cnca.attack.targets import look, numbers, objective, refuse_black_boxes, refuse_non_finite
+from cnca.core import parallel
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import NonFiniteError, RunError
+from cnca.gen.feature import START_SPREAD, UPDATES, initial, project
+from cnca.scene.cameras import View
+from cnca.scene.schema import Scene
+from cnca.scene.variation import draw_views, draw_weathers, in_blocks
+from cnca.scene.weather import Weather
+
+
+@dataclass
+class Progress:
+    """All that changes from step to step: enough to go on after an interruption."""
+
+    step: int
+    feature: Tensor
+    optimizer: torch.optim.Optimizer
+    best: Best = field(default_factory=Best)
+
+    @property
+    def result(self) -> Tensor:
+        """The best F_adv of those that were checked, else the last."""
+        return self.feature.detach() if self.best.feature is None else self.best.feature
+
+
+def start(attack: Attack, settings: Settings) -> Progress:
+    """F_adv at or near zero, and its optimizer."""
+    noise = torch.Generator().manual_seed(settings.seed)
+    spread = settings.start_spread
+    spread = START_SPREAD[settings.feature] if spread is None else spread
+    feature = initial(attack.generator.feature_shape, spread=spread, generator=noise)
+    feature = project(feature, settings.tau).requires_grad_()
+    update: Any = UPDATES[settings.update]
+    return Progress(0, feature, update([feature], lr=settings.learning_rate))
+
+
+def optimize(
+    attack: Attack,
+    settings: Settings,
+    progress: Progress,
+    after_step: Callable[[Progress, dict[str, Any]], None],
+) -> Tensor:
+    """Run the attack to its last step, or until checks bring nothing, and return F_adv.
+
+    ``after_step`` is given the progress and a record of the step: step, loss (L_adv, weighted and
+    summed over the targets), detection score (mean of max D_s, likewise weighted), both again for
+    each target, the same of the validation views after a check, and the seconds of each part.
+
+    Raises:
+        DetectorError: a detector gives no gradient.
+        NonFiniteError: a detector's loss, or the gradient of F_adv, is not finite.
+        RunError: there are more processes than views in a step.
+    """
+    refuse_black_boxes(attack.targets)
+    text_feature = attack.generator.encode(settings.prompt)
+    pool = draw_pool(attack.scene, settings)
+    validation = Validation(attack, settings, text_feature)
+    feature, optimizer, best = progress.feature, progress.optimizer, progress.best
+    while progress.step < settings.steps and not best.exhausted(settings.patience):
+        clock, step = Clock(), progress.step
+        every, weather = pool(step)
+        views = parallel.share(every)
+        seed = settings.seed * 1_000_003 + step
+        boxes = attack.renderer.vehicle_boxes(views)
+        with clock("generate"):
+            texture = attack.texture(text_feature, feature, settings.seed, together=True)
+            albedo = attack.paint.apply(texture)
+        with clock("render"):
+            images = attack.render(albedo, views, weather, seed)
+        with clock("detect"):
+            seen = look(
+                attack.targets, linear_to_srgb(images), boxes, full_overlap=settings.full_overlap
+            )
+        refuse_non_finite(attack.targets, seen, where=f"step {step} (seed {seed})")
+
+        optimizer.zero_grad()
+        with clock("backward"):
+            seen = seen * len(views) / len(every)
+            objective(attack.targets, seen).backward()
+            parallel.add_up(feature.grad, seen)
+        if feature.grad is None or not torch.isfinite(feature.grad).all():
+            raise NonFiniteError(
+                f"step {step} (seed {seed}): the gradient of F_adv is not finite; "
+                "--resume tries this step again"
+            )
+        optimizer.param_groups[0]["lr"] = settings.step_size(step)
+        optimizer.step()
+        with torch.no_grad():
+            feature.copy_(project(feature, settings.tau))
+
+        progress.step += 1
+        record = {"step": progress.step, **numbers(attack.targets, seen)}
+        if settings.checks(progress.step):
+            with clock("check"):
+                record["validation"] = validation.look(feature)
+            best.offer(feature, record["validation"]["loss_adv"], progress.step)
+        after_step(progress, record | clock.seconds())
+    return progress.result
+
+
+def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[View], Weather]]:
+    """Return what each step looks at: views of one weather, the weathers taken in turn."""
+    count = settings.views_per_step
+    if count < parallel.count():
+        raise RunError(
+            f"views_per_step is {count}: give each of the {parallel.count()} processes at least one"
+        )
+    weathers = draw_weathers(scene, WEATHERS, seed=settings.seed)
+    every = draw_views(scene, settings.pool_size, seed=settings.seed)
+    in_weather = in_blocks(every, WEATHERS)
+
+    def step_views(step: int) -> tuple[list[View], Weather]:
+        turn, k = divmod(step, WEATHERS)
+        own = in_weather[k]
+        first = turn * count
+        return [own[(first + i) % len(own)] for i in range(count)], weathers[k]
+
+    return step_views
+
+
+class Clock:
+    """Seconds per named part of a step."""
+
+    def __init__(self) -> None:
+        self._started = time.perf_counter()
+        self._parts: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Book the time of the block under ``name``."""
+        started = time.perf_counter()
+        yield
+        self._parts[name] = time.perf_counter() - started
+
+    def seconds(self) -> dict[str, float]:
+        """``seconds_NAME`` for each part and ``seconds_total``."""
+        total = time.perf_counter() - self._started
+        named = {f"seconds_{name}": round(value, 6) for name, value in self._parts.items()}
+        return named | {"seconds_total": round(total, 6)}

@@ -1,0 +1,110 @@
+"""The detectors that an attack is to fool, one or several at once (an ensemble)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from cnca.attack.loss import detection_loss
+from cnca.core.errors import DetectorError, NonFiniteError, RunError
+from cnca.core.types import Boxes, SrgbImages
+from cnca.scene.protocols import Detector
+
+
+@dataclass(frozen=True)
+class Target:
+    """A detector with its part in the loss."""
+
+    name: str
+    """As the user gave it."""
+    detector: Detector
+    label: int
+    """The detector's class that the vehicle belongs to."""
+    weight: float = 1.0
+
+
+Seen = Float[Tensor, "2 targets"]
+"""Of each target, over some pictures: mean L_adv, and mean of max D_s in [0, 1]."""
+
+
+def refuse_black_boxes(targets: Sequence[Target]) -> None:
+    """Raise DetectorError for a detector that gives no gradient."""
+    for target in targets:
+        if not target.detector.differentiable:
+            raise DetectorError(
+                f"detector {target.name}: gives no gradient, so it can only judge; attack a .cfg, "
+                "a folder of transformers or a torchvision model, then cnca evaluate --detector"
+            )
+
+
+def look(
+    targets: Sequence[Target], images: SrgbImages, boxes: Boxes, *, full_overlap: float
+) -> Seen:
+    """Show the pictures to every target; differentiable (see :mod:`cnca.attack.loss`)."""
+    columns = []
+    for target in targets:
+        candidates = target.detector.candidates(images)
+        loss, scores = detection_loss(candidates, boxes, target.label, full_overlap=full_overlap)
+        columns.append(torch.stack([loss, scores.mean()]))
+    return torch.stack(columns, dim=1)
+
+
+def refuse_non_finite(targets: Sequence[Target], seen: Seen, where: str) -> None:
+    """Raise NonFiniteError, which names the detectors, where a loss is NaN or infinite."""
+    wrong = [t.name for t, own in zip(targets, seen.T, strict=True) if not own.isfinite().all()]
+    if wrong:
+        raise NonFiniteError(
+            f"{where}: the loss of detector {', '.join(wrong)} is not finite; "
+            "--resume tries this step again"
+        )
+
+
+def objective(targets: Sequence[Target], seen: Seen) -> Float[Tensor, ""]:
+    """Σ weight · L_adv."""
+    return seen[0] @ seen.new_tensor([target.weight for target in targets])
+
+
+def numbers(targets: Sequence[Target], seen: Seen) -> dict[str, Any]:
+    """The objective as ``loss_adv``, ``D_s`` averaged by weight, and both of each by its name."""
+    weights = seen.new_tensor([target.weight for target in targets])
+    return {
+        "loss_adv": objective(targets, seen).item(),
+        "D_s": (seen[1] @ weights / weights.sum()).item(),
+        "targets": {
+            target.name: {"loss_adv": loss, "D_s": score}
+            for target, (loss, score) in zip(targets, seen.T.tolist(), strict=True)
+        },
+    }
+
+
+def parse_targets(words: Sequence[str]) -> dict[str, float]:
+    """``NAME_OR_FILE[=WEIGHT]``, each → weight; a number behind the last ``=`` is the weight.
+
+    Raises:
+        RunError: none is given, one is given twice, or a weight is not finite and above 0.
+    """
+    weights: dict[str, float] = {}
+    for word in words:
+        name, weight = _split(word)
+        if not 0 < weight < math.inf:
+            raise RunError(f"--detector {word}: a weight is a finite number above 0")
+        if name in weights:
+            raise RunError(f"--detector {name}: is there twice; leave it out once")
+        weights[name] = weight
+    if not weights:
+        raise RunError("no --detector: give at least one")
+    return weights
+
+
+def _split(word: str) -> tuple[str, float]:
+    name, _, end = word.rpartition("=")
+    try:
+        return (name, float(end)) if name else (word, 1.0)
+    except ValueError:
+        return word, 1.0

@@ -1,0 +1,1 @@
+"""What every room uses: errors, types, colors, boxes, files, pictures, manifests, processes."""

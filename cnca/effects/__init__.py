@@ -1,0 +1,1 @@
+"""Which effect is simulated how, and what that costs: data in, data out."""

@@ -1,1 +1,0 @@
-"""What an evaluation shows, from pictures of a scene to tables with intervals."""

@@ -1,0 +1,158 @@
+"""What a shorter way back costs the gradient: the generator's price list."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import torch
+from rich.console import Console
+from torch import Tensor
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+from cnca import build
+from cnca.core.errors import RunError
+from cnca.core.files import replacing
+from cnca.core.manifest import versions, write_json
+from cnca.core.progress import bar
+from cnca.gen import GUIDANCE
+from cnca.gen.feature import initial
+from cnca.scene.controls import random_blocks
+from cnca.scene.protocols import TextureGenerator
+
+STEPS = 20
+CHOICES = (1, 2, 5, 10, 15, 20)
+"""Numbers of last steps that the gradient goes back through; the largest is the full gradient."""
+SPREAD = 0.1
+"""Standard deviation of the F_adv at which gradients are taken."""
+
+
+def generator_accuracy(
+    out: Path,
+    *,
+    prompt: str,
+    generator: Path | None = None,
+    feature: str = "concat",
+    guidance: float = GUIDANCE,
+    probes: int = 3,
+    seed: int = 0,
+    console: Console,
+) -> dict[str, Any]:
+    """Compare gradients through the last K steps with that through all; return the report.
+
+    Writes ``generator.json``, ``.md`` and ``.png`` into ``out``.  A probe is what a loss might ask
+    of the texture: the mean of its texels, weighted at random in 16×16 blocks.  Seconds are
+    those of one texture and its gradient, the fastest of the probes, with gradient checkpointing
+    and without.
+
+    Raises:
+        RunError: ``probes`` is below 1.
+    """
+    if probes < 1:
+        raise RunError(f"--probes {probes}: give at least 1")
+    gradients: dict[int, list[Tensor]] = {}
+    seconds: dict[int, list[float]] = {}
+    with bar(console) as progress:
+        for last in progress.track(CHOICES, description="gradients"):
+            seconds[last] = []
+            for checkpointing in (True, False):
+                shortened = build.build_generator(
+                    generator,
+                    feature=feature,
+                    guidance=guidance,
+                    gradient_steps=last,
+                    gradient_checkpointing=checkpointing,
+                )
+                gradients[last], fastest = _gradients(shortened, prompt, probes, seed)
+                seconds[last].append(fastest)
+    report: dict[str, Any] = {
+        "prompt": prompt,
+        "generator": str(generator or "shipped"),
+        "feature": feature,
+        "guidance": guidance,
+        "probes": probes,
+        "seed": seed,
+        "versions": versions(),
+        "prices": prices(gradients, seconds),
+    }
+    write_json(out / "generator.json", report)
+    with replacing(out / "generator.md") as temporary:
+        temporary.write_text(table(report["prices"]), encoding="utf-8")
+    _write_picture(out / "generator.png", report)
+    return report
+
+
+def prices(
+    gradients: dict[int, list[Tensor]], seconds: dict[int, list[float]]
+) -> list[dict[str, float]]:
+    """One row for each K: steps, seconds, and cosine and relative length (means of the probes).
+
+    ``seconds`` are those with gradient checkpointing and without.
+    """
+    full = gradients[max(gradients)]
+    rows = []
+    for last, short in sorted(gradients.items()):
+        pairs = [(s.flatten(), f.flatten()) for s, f in zip(short, full, strict=True)]
+        cosines = [torch.cosine_similarity(s, f, dim=0) for s, f in pairs]
+        lengths = [s.norm() / f.norm() for s, f in pairs]
+        row = {"steps": last} | dict(zip(("seconds", "seconds_kept"), seconds[last], strict=True))
+        row |= {"cosine": _mean(cosines), "length": _mean(lengths)}
+        rows.append(row)
+    return rows
+
+
+def table(rows: Sequence[dict[str, float]]) -> str:
+    """The price list in Markdown."""
+    lines = [
+        "| last steps | seconds | with all activations kept | cosine | length |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {r['steps']} | {r['seconds']:.2f} | {r['seconds_kept']:.2f} | {r['cosine']:.3f} "
+        f"| {r['length']:.3f} |"
+        for r in rows
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _gradients(
+    generator: TextureGenerator, prompt: str, probes: int, seed: int
+) -> tuple[list[Tensor], float]:
+    """The gradient of every probe in double precision, and the seconds of the fastest."""
+    text, chance = generator.encode(prompt), torch.Generator().manual_seed(seed)
+    feature = initial(generator.feature_shape, spread=SPREAD, generator=chance).requires_grad_()
+    gradients, seconds = [], []
+    for _ in range(probes):
+        started = time.perf_counter()
+        texture = generator.generate(text, feature, torch.Generator().manual_seed(seed))
+        weights = random_blocks(texture.shape[-1], chance, blocks=16) - 0.5
+        (gradient,) = torch.autograd.grad((weights * texture).mean(), feature)
+        seconds.append(time.perf_counter() - started)
+        gradients.append(gradient.double())
+    return gradients, min(seconds)
+
+
+def _mean(values: Sequence[Tensor]) -> float:
+    return torch.stack(list(values)).mean().item()
+
+
+def _write_picture(path: Path, report: dict[str, Any]) -> None:
+    rows = report["prices"]
+    seconds = [row["seconds"] for row in rows]
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    axes.plot(seconds, [row["cosine"] for row in rows], "o-", label="cosine")
+    axes.plot(seconds, [row["length"] for row in rows], "s--", label="relative length")
+    for row in rows:
+        where = row["seconds"], row["cosine"]
+        axes.annotate(f"K = {row['steps']}", where, (4, -12), textcoords="offset points")
+    axes.set(xlabel="seconds per texture and gradient", ylim=(None, 1.05))
+    axes.set_title(f"Gradient through the last K of {STEPS} steps, “{report['prompt']}”")
+    axes.legend()
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=120)
+    plt.close(figure)

@@ -1,0 +1,206 @@
+"""What accuracy costs in time: a ladder of plans against a converged reference of one view."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from cnca import build
+from cnca.core.errors import RunError
+from cnca.core.manifest import versions, write_json
+from cnca.core.progress import bar
+from cnca.effects.plan import Demand, explain
+from cnca.jobs.accuracy.fidelity import (
+    gradient_agreement,
+    mean_bias,
+    mean_delta_e,
+    root,
+    squared_bias,
+    squared_error,
+    squared_noise,
+)
+from cnca.jobs.accuracy.price_list import write_picture, write_table
+from cnca.jobs.accuracy.reference import Bench, Reference, agreement, converge, fingerprint
+from cnca.scene.schema import load_scene
+
+TARGETS = (0.01, 0.02, 0.05, 0.10)
+"""Errors whose plans are marked."""
+REPEATS = 3
+"""Renders of each rung."""
+REFERENCE_SHARE = 0.4
+"""Most of the budget that the reference takes."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the ladder."""
+
+    name: str
+    demand: Demand
+    scale: float = 1.0
+    """Share of the picture's sides that is rendered; the rest is interpolated."""
+    target: float | None = None
+    """The error for which the plan chose this."""
+
+
+def ladder() -> Iterator[Rung]:
+    """What the plan chooses; samples × reflections; other models and resolutions."""
+    for target in TARGETS:
+        yield Rung(f"plan for {target:.0%}", Demand(target), target=target)
+    for samples in ("1", "4", "16", "64", "256"):
+        usual = {"samples": samples}
+        for bounces in ("1", "2", "3"):
+            forced = usual | {"interreflection": bounces}
+            yield Rung(f"{samples} spp, {bounces} reflections", Demand(forced=forced))
+        for effect, model in (
+            *(("sun", "disc"), ("fog", "none"), ("fog", "airlight"), ("fog", "single")),
+            *(("materials", "principled"), ("materials", "diffuse"), ("glass", "dark")),
+        ):
+            demand = Demand(forced=usual | {effect: model})
+            yield Rung(f"{samples} spp, {effect} {model}", demand)
+        yield Rung(f"{samples} spp, half resolution", Demand(forced=usual), scale=0.5)
+
+
+def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
+    """Processor seconds and errors of one rung; the first call makes kernels and solves the fog."""
+    shots = [bench.shoot(rung.demand, repeat, rung.scale) for repeat in range(REPEATS)]
+    images, gradients, seconds = zip(*shots, strict=True)
+    first, second = reference.picture_halves()
+    halves = (bench.pixels(first), bench.pixels(second))
+    pictures = [bench.pixels(image) for image in images]
+    pairs = [(pictures[i], pictures[i - 1]) for i in range(REPEATS)]
+    squares = [squared_error(picture, halves) for picture in pictures]
+    bias, uncertainty = np.mean([squared_bias(pair, halves) for pair in pairs], axis=0)
+    mean, mean_error = mean_bias(pictures, halves)
+    truth = bench.score((first + second) / 2)
+    agreements = [gradient_agreement(g, reference.gradient_halves()) for g in gradients]
+    cosine, length = np.mean(agreements, axis=0)
+    plan = bench.plan(rung.demand)
+    return {
+        "name": rung.name,
+        "target": rung.target,
+        "models": dict(plan.models),
+        "scale": rung.scale,
+        "predicted_error": explain(plan)[-1]["error"],
+        "seconds": {"first": seconds[0], "steady": _fastest(seconds[1:])},
+        "error": root(float(np.mean([square for square, _ in squares]))),
+        "bias": root(float(bias)),
+        "bias_hidden": root(float(2 * uncertainty)),
+        "mean": mean,
+        "mean_error": mean_error,
+        "noise": root(float(np.mean([squared_noise(pair, halves) for pair in pairs]))),
+        "delta_e": float(np.mean([mean_delta_e([p], halves) for p in pictures])),
+        "gradient_cosine": float(cosine),
+        "gradient_length": float(length),
+        "score_change": float(np.mean([abs(bench.score(i) - truth) for i in images])),
+    }
+
+
+def accuracy(
+    scene_file: Path,
+    out: Path,
+    *,
+    seconds: float,
+    view: str | None = None,
+    detector: str = "builtin",
+    volpath: bool = False,
+    console: Console,
+) -> dict[str, Any]:
+    """Measure the ladder on one view; write ``accuracy.json``, ``.md`` and ``.png`` into ``out``.
+
+    The same call goes on where an earlier one was interrupted or ran out of time.
+
+    Args:
+        seconds: budget; the reference takes at most two fifths of it.
+        volpath: the reference's picture is that of Mitsuba's volumetric path tracer.
+
+    Returns:
+        What ``accuracy.json`` holds.
+
+    Raises:
+        RunError: no time, or ``volpath`` for a scene without fog.
+    """
+    if not seconds > 0:
+        raise RunError(f"--seconds {seconds:g}: give a number above 0")
+    started = time.monotonic()
+    scene = load_scene(scene_file)
+    if volpath and (scene.fog is None or scene.fog.height == 0):
+        raise RunError(f"{scene_file}: --volpath is for fog, and the scene has none; leave it out")
+    bench = Bench(scene, build.choose_views(scene, view)[0], build.build_detector(detector))
+    key = fingerprint(scene, bench.view, volpath=volpath)
+    reference = converge(
+        bench,
+        out / f"reference_{key}.pt",
+        started + REFERENCE_SHARE * seconds,
+        volpath=volpath,
+        console=console,
+    )
+    report: dict[str, Any] = {
+        "scene": str(scene_file),
+        "view": asdict(bench.view),
+        "detector": detector,
+        "reference": {"key": key, "volpath": volpath} | agreement(bench, reference),
+        "versions": versions(),
+        "rungs": _known_rungs(out, key, detector),
+    }
+    known, pace = {row["name"] for row in report["rungs"]}, 0.0
+    report["not_reached"] = []
+    with bar(console) as progress:
+        for rung, rays in progress.track(_by_rays(bench), description="rungs"):
+            if rung.name in known:
+                continue
+            begun = time.monotonic()
+            if begun + pace * rays > started + seconds:
+                report["not_reached"].append(rung.name)
+                continue
+            report["rungs"].append(measure(bench, rung, reference))
+            write_json(out / "accuracy.json", report)
+            pace = (time.monotonic() - begun) / rays
+    report["front"] = pareto_front(report["rungs"])
+    write_json(out / "accuracy.json", report)
+    write_table(out / "accuracy.md", report)
+    write_picture(out / "accuracy.png", report)
+    return report
+
+
+def pareto_front(rungs: list[dict[str, Any]]) -> list[str]:
+    """Names of the rungs that no faster one beats in error, fastest first."""
+    front: list[str] = []
+    least = float("inf")
+    for rung in sorted(rungs, key=lambda rung: rung["seconds"]["steady"]["forward"]):
+        if rung["error"] < least:
+            least = rung["error"]
+            front.append(rung["name"])
+    return front
+
+
+def _by_rays(bench: Bench) -> list[tuple[Rung, float]]:
+    """Rungs that differ in this scene and their rays per pixel, fewest first."""
+    different: dict[object, tuple[Rung, float]] = {}
+    for rung in ladder():
+        plan = bench.plan(rung.demand)
+        key = (tuple(plan.models.items()), rung.scale, rung.target)
+        # Without fog there is none to leave out: the usual models stand for that rung.
+        different.setdefault(key, (rung, plan.samples * rung.scale**2))
+    return sorted(different.values(), key=lambda pair: pair[1])
+
+
+def _fastest(seconds: tuple[dict[str, float], ...]) -> dict[str, float]:
+    return {key: min(one[key] for one in seconds) for key in seconds[0]}
+
+
+def _known_rungs(out: Path, key: str, detector: str) -> list[dict[str, Any]]:
+    """Rungs of an earlier call that were measured against the same reference."""
+    path = out / "accuracy.json"
+    if not path.exists():
+        return []
+    report = json.loads(path.read_text(encoding="utf-8"))
+    same = report["reference"]["key"] == key and report["detector"] == detector
+    return report["rungs"] if same else []

@@ -1,0 +1,190 @@
+"""A converged reference of one view: picture and texture gradient, in two independent halves."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+import torch
+from rich.console import Console
+from torch import Tensor
+from torch.nn import functional
+
+from cnca import build
+from cnca.core.color import linear_to_srgb
+from cnca.core.files import replacing
+from cnca.core.manifest import versions
+from cnca.core.progress import bar
+from cnca.core.types import LinearImages
+from cnca.effects.plan import Demand, EffectPlan
+from cnca.jobs.accuracy.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
+from cnca.judge.scores import detection_score
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.volpath import exposed_volpath
+from cnca.scene.cameras import View
+from cnca.scene.protocols import Detector
+from cnca.scene.schema import Scene
+
+ROUND = 128
+"""Rays per pixel by which each half of the reference grows."""
+CONVERGED = 0.005
+"""Standard error of the reference's pixels at which it is good enough."""
+MOST_ROUNDS = 128
+CHANCE = 3.0
+"""Standard errors by which the means of halves that agree may differ: 0.3 % do more by chance."""
+REFERENCE_SEED = 1 << 20
+"""Far from the seeds of what is compared with it: they never share random numbers."""
+SOURCES = ("mi_bridge/*.py", "scene/*.py", "vehicle/**/*.py", "effects/*.py")
+"""Whose change makes another reference."""
+
+
+class Bench:
+    """Renders one view of a scene and measures what it gets."""
+
+    def __init__(self, scene: Scene, view: View, detector: Detector):
+        vehicle = build.build_vehicle(scene)
+        renderer = build.build_renderer(scene, vehicle)
+        assert isinstance(renderer, MitsubaRenderer)
+        self.renderer, self.view, self.weather = renderer, view, scene.weather()
+        self.albedo = build.build_paint(scene, vehicle).apply()
+        self.mask = renderer.vehicle_mask([view])[0] == 1
+        self.boxes = renderer.vehicle_boxes([view])
+        self.detector = detector
+        self.label = build.vehicle_label(detector.class_names)
+
+    def plan(self, demand: Demand) -> EffectPlan:
+        """What the demand comes to here."""
+        self.renderer.demand = demand
+        return self.renderer.plan(self.albedo, [self.view], self.weather)
+
+    def shoot(
+        self, demand: Demand, seed: int, scale: float = 1.0
+    ) -> tuple[LinearImages, Tensor, dict[str, float]]:
+        """Picture, gradient of the vehicle's mean radiance, processor seconds of both passes."""
+        self.renderer.demand = demand
+        width, height = (max(round(scale * n), 1) for n in (self.view.width, self.view.height))
+        view = replace(self.view, width=width, height=height)
+        albedo = self.albedo.clone().requires_grad_()
+        started = time.process_time()
+        image = self.renderer.render(albedo, [view], self.weather, seed=seed)
+        rendered = time.process_time()
+        if scale != 1:
+            size = (self.view.height, self.view.width)
+            image = functional.interpolate(image, size, mode="bilinear", antialias=False)
+        image[0, :, torch.from_numpy(self.mask)].mean().backward()
+        seconds = {"forward": rendered - started, "backward": time.process_time() - rendered}
+        assert albedo.grad is not None
+        return image.detach(), albedo.grad, seconds
+
+    def volpath(self, demand: Demand, seed: int) -> LinearImages:
+        """The same view by Mitsuba's own volumetric path tracer, which gives no gradient."""
+        samples = self.plan(demand).samples
+        return exposed_volpath(
+            self.renderer, self.albedo, self.view, self.weather, samples=samples, seed=seed
+        )
+
+    def pixels(self, image: LinearImages) -> Pixels:
+        """Those that show nothing but the vehicle."""
+        return vehicle_pixels(image, self.mask)
+
+    def score(self, image: LinearImages) -> float:
+        """How surely the detector finds the vehicle."""
+        found = self.detector.detect(linear_to_srgb(image), score_threshold=0.01)[0]
+        return detection_score(found, self.boxes[0], self.label)
+
+
+@dataclass
+class Reference:
+    """Two independent halves: sums of pictures and texture gradients over ``rounds`` each."""
+
+    rounds: int = 0
+    seconds: float = 0.0
+    pictures: list[LinearImages] = field(default_factory=list)
+    gradients: list[Tensor] = field(default_factory=list)
+
+    def picture_halves(self) -> tuple[LinearImages, LinearImages]:
+        """Mean picture of each half."""
+        return self.pictures[0] / self.rounds, self.pictures[1] / self.rounds
+
+    def gradient_halves(self) -> tuple[Tensor, Tensor]:
+        """Mean gradient of each half."""
+        return self.gradients[0] / self.rounds, self.gradients[1] / self.rounds
+
+
+def converge(
+    bench: Bench, path: Path, deadline: float, *, volpath: bool = False, console: Console
+) -> Reference:
+    """The reference in ``path``, made better until it is converged or time is up.
+
+    With ``volpath`` its pictures are Mitsuba's; its gradients stay ours, for volpath has none.
+    """
+    reference = _read_reference(path)
+    demand = Demand(reference=True, forced={"samples": str(ROUND)})
+    with bar(console) as progress:
+        task = progress.add_task("reference", total=MOST_ROUNDS, completed=reference.rounds)
+        while reference.rounds < MOST_ROUNDS:
+            if reference.rounds > 1 and agreement(bench, reference)["standard_error"] < CONVERGED:
+                break
+            if reference.rounds > 0 and time.monotonic() > deadline:
+                break
+            started = time.perf_counter()
+            for half in range(2):
+                seed = REFERENCE_SEED + 2 * reference.rounds + half
+                image, gradient, _ = bench.shoot(demand, seed)
+                image = bench.volpath(demand, seed) if volpath else image
+                _add(reference.pictures, half, image)
+                _add(reference.gradients, half, gradient)
+            reference.rounds += 1
+            reference.seconds += time.perf_counter() - started
+            with replacing(path) as temporary:
+                torch.save(asdict(reference), temporary)
+            progress.update(task, completed=reference.rounds)
+    return reference
+
+
+def agreement(bench: Bench, reference: Reference) -> dict[str, float | bool]:
+    """How well the halves agree: the standard error of their mean, and of their mean radiance."""
+    a, b = (bench.pixels(picture) for picture in reference.picture_halves())
+    difference = float(a.mean() / b.mean() - 1)
+    chance = float(2 * error_of_mean((a, b)) / b.mean())  # standard error of the difference
+    noise = squared_noise((a, b), (a, b)) / 2  # of the mean of both
+    first, second = (gradient.flatten() for gradient in reference.gradients)
+    cosine = functional.cosine_similarity(first, second, dim=0)
+    return {
+        "samples": 2 * ROUND * reference.rounds,
+        "standard_error": root(noise),
+        "difference_of_means": difference,
+        "halves_agree": abs(difference) <= CHANCE * chance,
+        "converged": root(noise) < CONVERGED,
+        "gradient_cosine": float(cosine),
+        "seconds": round(reference.seconds, 1),
+    }
+
+
+def fingerprint(scene: Scene, view: View, *, volpath: bool = False) -> str:
+    """Hash of all that the reference depends on."""
+    settings = scene.model_dump(mode="json", exclude={"cameras", "variation"})
+    settings["image"].pop("samples")
+    digest = hashlib.sha256(json.dumps([settings, asdict(view), versions(), volpath]).encode())
+    package = Path(__file__).parents[2]
+    files = [f for pattern in SOURCES for f in sorted(package.glob(pattern))]
+    section = scene.vehicle
+    named = (section.mesh, section.paint_mask, section.base_texture)
+    files += [scene.base / name for name in named if name and not name.startswith("builtin:")]
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _add(sums: list[Tensor], half: int, value: Tensor) -> None:
+    if half < len(sums):
+        sums[half] = sums[half] + value
+    else:
+        sums.append(value)
+
+
+def _read_reference(path: Path) -> Reference:
+    return Reference(**torch.load(path, weights_only=True)) if path.exists() else Reference()

@@ -1,0 +1,1 @@
+"""One attack from start to report, and sweeps of them."""

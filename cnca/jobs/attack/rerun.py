@@ -1,0 +1,85 @@
+"""A run once more, from nothing but its manifest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+from rich.console import Console
+
+from cnca.attack.settings import Settings
+from cnca.core.errors import RunError, did_you_mean
+from cnca.core.images import read_texture_srgb
+from cnca.core.manifest import hashes, read_json, versions
+from cnca.jobs.attack.run import Request, run
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """What came of it."""
+
+    out: Path
+    other_versions: dict[str, tuple[str, str]]
+    """Package → its version then and now, where they differ."""
+    difference: float | None
+    """Largest difference of the two textures in sRGB, 0 to 1; None where the first has none."""
+
+
+def rerun(manifest: Path, out: Path, console: Console) -> Rerun:
+    """Repeat the run of ``manifest`` into ``out``.
+
+    Paths in it start where its run was started.  With the same versions on the same machine and one
+    renderer thread the texture is the same to the bit; several threads add up in varying order.
+
+    Raises:
+        RunError: no manifest of ``cnca optimize``, or a file that the run read is gone or changed.
+    """
+    content = read_json(manifest)
+    request = read_request(manifest, content, out)
+    _check_inputs(manifest, content.get("inputs", {}))
+    run(request, console)
+    first = manifest.with_name("texture.png")
+    difference = None
+    if first.exists():
+        textures = [read_texture_srgb(path) for path in (first, out / "texture.png")]
+        difference = float(np.abs(textures[0] - textures[1]).max())
+    now = versions()
+    others = {
+        name: (was, now.get(name, "missing"))
+        for name, was in content.get("versions", {}).items()
+        if was != now.get(name)
+    }
+    return Rerun(out, others, difference)
+
+
+def read_request(manifest: Path, content: dict[str, Any], out: Path) -> Request:
+    """The request that :meth:`cnca.jobs.attack.run.Request.as_dict` wrote, for another folder.
+
+    Raises RunError for keys and values that are not a request's.
+    """
+    request = content.get("request")
+    if not isinstance(request, dict) or not isinstance(request.get("settings"), dict):
+        raise RunError(f"{manifest}: not the manifest of a cnca optimize")
+    for part, kind in ((request, Request), (request["settings"], Settings)):
+        known = [field.name for field in fields(kind)]
+        for key in part:
+            if key not in known:
+                raise RunError(f"{manifest}: {key}: unknown key{did_you_mean(key, known)}")
+    try:
+        return TypeAdapter(Request).validate_python({**request, "out": out})
+    except ValidationError as error:
+        problem = error.errors()[0]
+        where = ".".join(str(part) for part in problem["loc"])
+        raise RunError(f"{manifest}: {where}: {problem['msg']}") from None
+
+
+def _check_inputs(manifest: Path, inputs: dict[str, str]) -> None:
+    gone = [name for name in inputs if not Path(name).is_file()]
+    if gone:
+        raise RunError(f"{gone[0]}: not there; start from the folder where {manifest} was made")
+    for name, now in hashes(map(Path, inputs)).items():
+        if now != inputs[name]:
+            raise RunError(f"{name}: is not the file that {manifest} was made from; bring it back")

@@ -1,0 +1,132 @@
+"""``cnca import-carla``: CARLA frames as a labelled data set, and how well the mesh fits them.
+
+CARLA stores where the vehicle was dropped from, not how far it came down on its springs: each
+frame's vertical offset is fitted to the photograph, and the outline that results is drawn over it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rich.console import Console
+
+from cnca import build
+from cnca.core.errors import RunError, SceneError
+from cnca.core.pictures import TRUTH, SrgbPicture, write_png
+from cnca.core.progress import bar
+from cnca.jobs.datasets.layout import DataSet, Mask
+from cnca.scene.cameras import View
+from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
+from cnca.scene.schema import load_scene
+from cnca.vehicle.model import Vehicle
+from cnca.vehicle.outline import fit_lift, outline_distances, photographed_silhouette, silhouette
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The vehicle's mesh laid over one photograph."""
+
+    lift: float
+    """Metres; see :func:`cnca.scene.carla.carla_view`."""
+    median: float
+    """Of the distances between the drawn and the photographed outline, in pixels."""
+    percentile_90: float
+    view: View
+    mask: Mask
+
+
+def import_carla(
+    folder: Path, out: Path, scene_file: Path, *, fov: float = 90.0, console: Console
+) -> list[dict[str, Any]]:
+    """Make the data set ``out`` of all ``.npz`` frames in ``folder``; see :mod:`.layout`.
+
+    Beside the layout's files, ``outlines/000000.png`` shows the outline on the photograph.
+
+    Args:
+        scene_file: a scene with the vehicle of the frames.
+        fov: horizontal field of view of the camera in degrees.
+
+    Returns:
+        One record for each frame; where no vehicle was found it holds only source and problem.
+
+    Raises:
+        RunError: there is no frame in ``folder``.
+        SceneError: a file is no frame.
+    """
+    sources = sorted(folder.glob("*.npz"))
+    if not sources:
+        raise RunError(f"{folder}: no .npz frames in this folder; give the one that holds them")
+    vehicle, data = build.build_vehicle(load_scene(scene_file)), DataSet(out)
+    records = []
+    with bar(console) as shown:
+        for index, source in enumerate(shown.track(sources, description="frames")):
+            frame = read_carla_frame(source)
+            try:
+                fit = fit_frame(vehicle, frame, fov=fov, name=source.stem)
+            except SceneError as error:
+                records.append({"source": source.name, "problem": str(error)})
+                continue
+            picture = np.rint(frame.image * 255).astype(np.uint8)
+            write_png(data.path("outlines", index), draw_outline(picture, fit.mask))
+            data.add(index, picture, fit.mask, _record(source.name, frame, fit))
+            records.append(data.record(index))
+    data.finish(tar=False)
+    return records
+
+
+def fit_frame(vehicle: Vehicle, frame: CarlaFrame, *, fov: float, name: str) -> Fit:
+    """The vertical offset at which the mesh meets the photograph best.
+
+    The fit begins twice, from CARLA's location on the ground and above it by its height in the
+    world; the better end counts.  Raises SceneError where the vehicle is in neither place.
+    """
+    fits, problem = [], None
+    for start in {0.0, -float(frame.vehicle[0, 2])}:
+        try:
+            fits.append(_fit_from(start, vehicle, frame, fov, name))
+        except SceneError as error:
+            problem = error
+    if not fits:
+        assert problem is not None
+        raise problem
+    return min(fits, key=lambda fit: fit.median)
+
+
+def draw_outline(picture: SrgbPicture, mask: Mask) -> SrgbPicture:
+    """A copy of the photograph with the mask's outline in green."""
+    covered = (mask > 0).astype(np.uint8)
+    contours, _ = cv2.findContours(covered, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return cv2.drawContours(picture.copy(), contours, -1, TRUTH, 1)
+
+
+def _fit_from(start: float, vehicle: Vehicle, frame: CarlaFrame, fov: float, name: str) -> Fit:
+    height, width = frame.image.shape[:2]
+
+    def view(lift: float) -> View:
+        size = {"width": width, "height": height, "fov": fov}
+        return carla_view(frame.vehicle, frame.camera, lift=lift, name=name, **size)
+
+    lift = start + fit_lift(vehicle, view(start), frame.image)
+    fitted = view(lift)
+    drawn = silhouette(vehicle, fitted)
+    distances = outline_distances(drawn, photographed_silhouette(drawn, frame.image))
+    median, high = (float(np.percentile(distances, p)) for p in (50, 90))
+    return Fit(lift, median, high, fitted, drawn.astype(float))
+
+
+def _record(source: str, frame: CarlaFrame, fit: Fit) -> dict[str, Any]:
+    return {
+        "source": source,
+        "caption": f"{fit.view.name}: {fit.median:.1f} px",
+        "lift": round(fit.lift, 3),
+        "outline_pixels": {
+            "median": round(fit.median, 2),
+            "percentile_90": round(fit.percentile_90, 2),
+        },
+        "view": asdict(fit.view),
+        "carla": {"vehicle": frame.vehicle.tolist(), "camera": frame.camera.tolist()},
+    }

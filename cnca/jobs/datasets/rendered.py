@@ -1,0 +1,151 @@
+"""``cnca render-dataset``: the grid of a scene as labelled pictures.
+
+Picture number k shows setting number k of :class:`cnca.scene.grid.Grid`, the vehicle with the noise
+of seed k, so it is the same however the work is split, interrupted or continued.  Some colours of
+one pose and weather share what lies around the vehicle, seen beside its plain paint.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import Tensor
+
+from cnca import build
+from cnca.core import parallel
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import RunError
+from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.pictures import as_pictures
+from cnca.core.progress import bar
+from cnca.core.types import LinearTexture
+from cnca.effects.plan import Demand
+from cnca.jobs.datasets.layout import DataSet, Mask
+from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.scene.cameras import View
+from cnca.scene.grid import COLOURS, SHARING, Grid, Setting
+from cnca.scene.schema import Scene, load_scene
+from cnca.scene.weather import Weather
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """``i/n`` with 1 ≤ i ≤ n; raises RunError for anything else."""
+    i, slash, n = text.partition("/")
+    if slash and i.isdecimal() and n.isdecimal() and 1 <= int(i) <= int(n):
+        return int(i), int(n)
+    raise RunError(f"--shard {text}: give I/N such as 2/4, the second of four parts")
+
+
+def render_dataset(
+    scene_file: Path,
+    out: Path,
+    *,
+    images: int | None = None,
+    shard: str = "1/1",
+    tar: bool = False,
+    samples: int | None = None,
+    console: Console,
+) -> dict[str, Any]:
+    """Render what is missing of the first ``images`` pictures; see :mod:`.layout`.
+
+    Args:
+        images: by default the whole grid.
+        shard: which part of them to render, such as 2/4.
+        tar: whether to pack the pictures for WebDataset, too.
+        samples: rays per pixel; by default the scene's.
+
+    Returns:
+        How many pictures were rendered, how many there are, and this process's last rate in
+        pictures a second (None where less than two were rendered).
+
+    Raises:
+        RunError: the folder holds another data set, or a number is out of range.
+    """
+    scene = load_scene(scene_file)
+    grid, (part, parts) = Grid(scene), parse_shard(shard)
+    count = len(grid) if images is None else images
+    if not 1 <= count <= len(grid):
+        raise RunError(f"--images {count}: the scene's grid has 1 to {len(grid)}")
+    samples = samples or scene.image.samples
+    data = DataSet(out)
+    request = {"scene": scene.model_dump(mode="json"), "samples": samples}
+    parallel.by_first(lambda: _claim(out, request, scene_file))
+    part, parts = part - 1 + parts * parallel.rank(), parts * parallel.count()
+    own = [k for k in range(count) if k // SHARING % parts == part]
+    missing = [k for k in own if not data.has(k)]
+    stage = _Stage(scene, samples)
+    with bar(console) as shown:
+        for index in shown.track(missing, description="pictures"):
+            data.add(index, *stage.shoot(grid[index], seed=index))
+        per_second = shown.tasks[0].speed
+    rendered = sum(parallel.gathered([len(missing)]))
+    parallel.by_first(lambda: data.finish(tar=tar))
+    return {"rendered": rendered, "done": len(data.indices()), "per_second": per_second}
+
+
+class _Stage:
+    """The scene's vehicle, ready for its settings."""
+
+    def __init__(self, scene: Scene, samples: int):
+        vehicle = build.build_vehicle(scene)
+        demand = Demand(forced={"gradient": "off"})
+        renderer = build.build_renderer(scene, vehicle, samples=samples, demand=demand)
+        assert isinstance(renderer, MitsubaRenderer)
+        self._renderer, self._paint = renderer, build.build_paint(scene, vehicle)
+        self._albedo = lru_cache(self._make_albedo)
+        # One place for the last surroundings: no pose comes back once it is left.
+        self._around = lru_cache(1)(self._render_around)
+
+    @torch.no_grad()
+    def shoot(self, setting: Setting, *, seed: int) -> tuple[Any, np.ndarray, dict[str, Any]]:
+        """Picture, mask and record."""
+        view, weather = setting.view, setting.weather
+        around, mask = self._around(view, weather)
+        on_vehicle = np.flatnonzero(mask)
+        vehicle = self._renderer.render_pixels(
+            self._albedo(setting.colour), [view], weather, on_vehicle, seed=seed
+        )
+        image = around.index_copy(0, torch.from_numpy(on_vehicle), vehicle)
+        image = image.reshape(1, *mask.shape, 3).permute(0, 3, 1, 2)
+        fog = setting.weather.fog
+        sight = f", {fog.visibility:.0f} m" if fog else ""
+        record = asdict(setting) | {
+            "srgb": COLOURS[setting.colour],
+            "seed": seed,
+            "caption": f"{setting.colour}, sun {setting.weather.sun_altitude:.0f}{sight}",
+        }
+        return as_pictures(linear_to_srgb(image))[0], mask, record
+
+    def _make_albedo(self, colour: str) -> LinearTexture:
+        return self._paint.apply(torch.tensor(COLOURS[colour]).reshape(3, 1, 1))
+
+    def _render_around(self, view: View, weather: Weather) -> tuple[Tensor, Mask]:
+        """All pixels (height · width, 3), black where the vehicle's mask is not 0, and the mask."""
+        mask = self._renderer.vehicle_mask([view])[0]
+        image, beside = torch.zeros(mask.size, 3), np.flatnonzero(mask == 0)
+        if len(beside):
+            image[torch.from_numpy(beside)] = self._renderer.render_pixels(
+                self._paint.apply(), [view], weather, beside, seed=BACKGROUND_SEED
+            )
+        return image, mask
+
+
+def _claim(out: Path, request: dict[str, Any], scene_file: Path) -> None:
+    """Note what the pictures are made from, or see that it is what they were made from."""
+    manifest, request = out / "manifest.json", json.loads(json.dumps(request))
+    if not manifest.exists():
+        content = {"request": request, "versions": versions(), "inputs": hashes([scene_file])}
+        write_json(manifest, content)
+        return
+    before = json.loads(manifest.read_text(encoding="utf-8"))["request"]
+    differing = [key for key in request if request[key] != before.get(key)]
+    if differing:
+        raise RunError(f"{out}: holds pictures of another {' and '.join(differing)}")

@@ -1,0 +1,1 @@
+"""Evaluations of textures: rendered scenes, CARLA frames, photographs."""

@@ -1,0 +1,88 @@
+"""One ``cnca evaluate`` from start to report.
+
+The folder gets ``manifest.json``, ``results.json``, ``results.md``, the pictures named in it, and
+below ``pictures``, ``detections`` and ``boxes`` what makes a rerun quick.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from cnca import build
+from cnca.core import parallel
+from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.pictures import write_png
+from cnca.core.progress import bar
+from cnca.detect import detector_files
+from cnca.jobs.evaluate.parts import Request, build_eyes, build_stages
+from cnca.judge.candidates import Candidate, named, parse_candidates
+from cnca.judge.results import judge
+from cnca.judge.stage import Eye, Stage, see
+from cnca.judge.verdict import Seen
+from cnca.report.evidence_pictures import contact_sheet, plot_azimuths, plot_sections
+from cnca.report.tables import write_markdown
+from cnca.scene.schema import load_scene
+
+
+def evaluate_scenes(request: Request, console: Console) -> dict[str, Any]:
+    """Render, look, judge, write everything; returns the content of ``results.json``.
+
+    Raises:
+        CncaError: a scene, texture or detector cannot be used.
+    """
+    candidates = parse_candidates(request.textures)
+    eyes = build_eyes(request.detectors)
+    stages = build_stages(request, candidates)
+    parallel.by_first(lambda: _write_manifest(request, candidates))
+    with bar(console) as shown:
+        total = len(stages[0].rows) * sum(len(stage.shots.weathers) for stage in stages)
+        task = shown.add_task("weathers", total=len(parallel.share(range(total))))
+        seen = see(stages, eyes, lambda: shown.advance(task))
+
+    def conclude() -> dict[str, Any]:
+        results = judge(stages, eyes, seen, [each.name for each in candidates], request.seed)
+        write_evidence(request.out, results, stages, eyes, seen)
+        return results
+
+    return parallel.by_first(conclude)
+
+
+def write_evidence(
+    out: Path,
+    results: dict[str, Any],
+    stages: Sequence[Stage],
+    eyes: Sequence[Eye],
+    seen: dict[str, dict[str, Seen]],
+) -> None:
+    """Write results.json, results.md and the pictures into ``out``."""
+    pictures = [plot_sections(out, results["sections"])]
+    pictures += plot_azimuths(out, results["sections"])
+    first = 0
+    for stage in stages:
+        for eye in eyes:
+            name = f"views_{stage.name}_{eye.folder}.png"
+            write_png(out / name, contact_sheet(stage, eye, seen, first))
+            pictures.append(name)
+        first += len(stage.places)
+    write_json(out / "results.json", results)
+    write_markdown(out / "results.md", results, pictures)
+
+
+def _write_manifest(request: Request, candidates: Sequence[Candidate]) -> None:
+    inputs = [each.picture for each in candidates]
+    inputs += sorted(request.carla.glob("*.npz")) if request.carla else []
+    for path in request.scenes:
+        inputs += build.scene_files(load_scene(path), path)
+    for spec in request.detectors:
+        inputs += detector_files(named(spec)[1])
+    if request.prompt is not None:
+        inputs.append(request.generator or build.SHIPPED_GENERATOR)
+    fields = json.loads(json.dumps(asdict(request), default=str))
+    content = {"request": fields, "versions": versions(), "inputs": hashes(inputs)}
+    write_json(request.out / "manifest.json", content)

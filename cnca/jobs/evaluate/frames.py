@@ -1,0 +1,142 @@
+"""Textures drawn onto the vehicle in real frames, at the frames' own poses.
+
+As in the paper (equations 1 and 2, section 3.1) a picture is I_out = B + X_ren with the background
+B = I_in · (1 − M); here M is the share of each pixel that our mesh covers, once it is fitted to the
+photograph, and the sums are of linear radiance.  X_ren is lit by the scene file's sun and sky, with
+its exposure: nothing of the light is estimated from the photograph, and the shadow on the road is
+the photographed one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from cnca.core.color import srgb_to_linear
+from cnca.core.errors import RunError, SceneError
+from cnca.core.types import Boxes, LinearImages, LinearTexture, SrgbImages
+from cnca.jobs.datasets.carla import fit_frame
+from cnca.judge.evaluate import Shots
+from cnca.judge.gallery import Arrays, digest, recall
+from cnca.scene.cameras import View
+from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
+from cnca.scene.protocols import Renderer
+from cnca.scene.weather import Weather
+from cnca.vehicle.model import Vehicle
+
+MOST_PIXELS = 3.0
+"""Median distance between drawn and photographed outline from which a frame is left out."""
+
+
+@runtime_checkable
+class MaskedRenderer(Renderer, Protocol):
+    """A renderer that knows where the vehicle is."""
+
+    def vehicle_mask(self, views: Sequence[View]) -> Float[np.ndarray, "views height width"]:
+        """Share of each pixel that the vehicle covers, in [0, 1]."""
+
+
+class OverFrames:
+    """Renders the vehicle over photographs; a :class:`cnca.scene.protocols.Renderer`."""
+
+    def __init__(self, renderer: MaskedRenderer, photographs: Mapping[View, SrgbImages]):
+        """``photographs`` holds one image, (1, 3, height, width), for each view."""
+        self.renderer, self._photographs = renderer, photographs
+
+    def render(
+        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
+    ) -> LinearImages:
+        """B + X_ren in linear radiance, (views, 3, height, width)."""
+        rendered = self.renderer.render(albedo, views, weather, seed=seed)
+        mask = torch.from_numpy(self.renderer.vehicle_mask(views)).to(rendered)[:, None]
+        photographed = srgb_to_linear(torch.cat([self._photographs[view] for view in views]))
+        return torch.lerp(photographed, rendered, mask)
+
+    def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
+        """Bounding boxes (views, 4) of the fitted vehicle, xyxy in pixels."""
+        return self.renderer.vehicle_boxes(views)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames that the vehicle's mesh meets, as the shots of a stage: one frame to each weather."""
+
+    name: str
+    """Of their folder."""
+    shots: Shots
+    photographs: dict[View, SrgbImages]
+    records: list[dict[str, Any]]
+    """For every frame in the folder: ``frame``, ``lift`` (m), ``median`` and ``percentile_90`` of
+    the outline's distance in pixels, and whether it is ``used``; ``problem`` where none fits."""
+
+    def photograph(self, weather: int) -> SrgbImages:
+        """The untouched frame of this number."""
+        return self.photographs[self.shots.views[weather][0]]
+
+
+def read_frames(
+    folder: Path, vehicle: Vehicle, weather: Weather, *, fov: float, kept: Path, seed: int
+) -> Frames:
+    """Read all ``.npz`` frames of a folder and fit the vehicle to each of them.
+
+    Args:
+        weather: what lights the vehicle.
+        fov: horizontal field of view of the frames in degrees.
+        kept: folder for the fits, which take seconds each.
+
+    Raises:
+        RunError: there is no frame, or the vehicle meets none.
+        SceneError: a file is no frame.
+    """
+    sources = sorted(folder.glob("*.npz"))
+    if not sources:
+        raise RunError(f"{folder}: no .npz frames in this folder; give the one that holds them")
+    records, photographs = [], {}
+    for source in sources:
+        frame = read_carla_frame(source)
+        record = _fit(source.stem, vehicle, frame, fov, kept / f"{source.stem}.npz")
+        records.append(record)
+        if record["used"]:
+            height, width = frame.image.shape[:2]
+            view = carla_view(
+                frame.vehicle,
+                frame.camera,
+                lift=record["lift"],
+                width=width,
+                height=height,
+                fov=fov,
+                name=source.stem,
+            )
+            photographs[view] = torch.from_numpy(frame.image).permute(2, 0, 1)[None].contiguous()
+    if not photographs:
+        problem = records[0].get("problem", f"its outline lies {records[0]['median']} pixels off")
+        raise RunError(f"{folder}: the scene's vehicle meets no frame; the first: {problem}")
+    shots = Shots([[view] for view in photographs], [weather] * len(photographs), seed)
+    return Frames(folder.resolve().name, shots, photographs, records)
+
+
+def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path) -> dict[str, Any]:
+    meshes = [array for part in vehicle.parts for array in (part.vertices, part.faces)]
+    key = digest(frame.image, frame.vehicle, frame.camera, fov, *meshes)
+
+    def fit() -> Arrays:
+        found = fit_frame(vehicle, frame, fov=fov, name=name)
+        return {"numbers": np.array([found.lift, found.median, found.percentile_90])}
+
+    try:
+        lift, median, high = recall(kept, key, fit)["numbers"].tolist()
+    except SceneError as error:
+        return {"frame": name, "used": False, "problem": str(error)}
+    return {
+        "frame": name,
+        "lift": round(lift, 4),
+        "median": round(median, 2),
+        "percentile_90": round(high, 2),
+        "used": median <= MOST_PIXELS,
+    }

@@ -1,0 +1,172 @@
+"""What an evaluation is asked for, and the scenes, textures and detectors that it asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import torch
+
+from cnca import build
+from cnca.attack.settings import prompt_texture
+from cnca.core.errors import DetectorError, RunError
+from cnca.core.manifest import hashes
+from cnca.core.types import SrgbTexture
+from cnca.detect import detector_files
+from cnca.jobs.attack.run import held_out_shots
+from cnca.jobs.evaluate.frames import Frames, MaskedRenderer, OverFrames, read_frames
+from cnca.judge.candidates import CONTROLS, Candidate, make_coats, named, read_candidate
+from cnca.judge.evaluate import Shots
+from cnca.judge.gallery import digest, kept_pictures
+from cnca.judge.stage import Eye, Stage, scene_key
+from cnca.scene.paper_grid import find_grid, grid_shots
+from cnca.scene.schema import Scene, load_scene
+from cnca.vehicle.model import Vehicle
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for."""
+
+    scenes: tuple[Path, ...]
+    out: Path
+    textures: tuple[str, ...] = ()
+    detectors: tuple[str, ...] = ("builtin",)
+    views: int = 96
+    """Of each scene."""
+    grid: str | None = None
+    """A preset of :mod:`cnca.scene.paper_grid`; by default the scene's ranges."""
+    carla: Path | None = None
+    """Folder of CARLA frames: the textures are drawn onto the vehicle in them, in all of them."""
+    fov: float = 90.0
+    """Horizontal field of view of these frames in degrees."""
+    prompt: str | None = None
+    generator: Path | None = None
+    controls: tuple[str, ...] = CONTROLS
+    """Which of :data:`cnca.judge.candidates.CONTROLS` stand beside the normal paint."""
+    backend: str = "mitsuba"
+    samples: int | None = None
+    """Rays per pixel; by default the scene's own number."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise RunError("no --scene: give a scene file, or --photos with --labels")
+        if self.views < 2:
+            raise RunError(f"--views {self.views}: an interval needs at least two views")
+        if self.grid is not None:
+            find_grid(self.grid)
+        if self.carla is not None and (self.grid is not None or len(self.scenes) != 1):
+            raise RunError("--carla: frames have their own views; give one --scene and no --grid")
+        if self.samples is not None and self.samples < 1:
+            raise RunError(f"--spp {self.samples}: a picture needs at least one ray per pixel")
+
+
+def build_eyes(specs: Sequence[str]) -> list[Eye]:
+    """The detectors, each ``[NAME=]SPEC``; raises DetectorError where two have one name."""
+    eyes: list[Eye] = []
+    for spec in specs:
+        name, what = named(spec)
+        detector = build.build_detector(what)
+        build.vehicle_label(detector.class_names)  # those without a car see no camouflage either
+        key = digest(detector.name, sorted(hashes(detector_files(what)).values()))
+        eyes.append(Eye(name or detector.name, detector, key))
+        if [eye.name for eye in eyes].count(eyes[-1].name) > 1:
+            raise DetectorError(
+                f"--detector {spec}: two detectors are called '{eyes[-1].name}'; write NAME={what}"
+            )
+    return eyes
+
+
+def build_stages(request: Request, candidates: Sequence[Candidate]) -> list[Stage]:
+    """The scenes with their textures, or the CARLA frames; all have the same rows."""
+    # Painted when all else has been found in order: it takes the longest.
+    prompts = cache(lambda: _prompts(request, candidates))
+    names = _scene_names(request.scenes)
+    return [
+        _stage(request, path, name, candidates, prompts)
+        for path, name in zip(request.scenes, names, strict=True)
+    ]
+
+
+def _stage(
+    request: Request,
+    path: Path,
+    name: str,
+    candidates: Sequence[Candidate],
+    prompts: Callable[[], dict[str, SrgbTexture]],
+) -> Stage:
+    """One scene, or its vehicle in the folder's frames."""
+    scene = load_scene(path)
+    vehicle = build.build_vehicle(scene)
+    frames = None if request.carla is None else _frames(request, request.carla, scene, vehicle)
+    paint, size = build.build_paint(scene, vehicle), scene.vehicle.texture_size
+    textures = {each.name: read_candidate(each, vehicle, size) for each in candidates}
+    backend, samples = request.backend, request.samples
+    stage = Stage(
+        name=name,
+        renderer=build.build_renderer(scene, vehicle, backend=backend, samples=samples),
+        shots=_shots(request, scene),
+        coats=make_coats(paint, textures, prompts(), wanted=request.controls, seed=request.seed),
+        folder=request.out,
+        key=scene_key(scene, vehicle, backend=backend, samples=samples),
+    )
+    return stage if frames is None else _over_frames(stage, frames)
+
+
+def _frames(request: Request, folder: Path, scene: Scene, vehicle: Vehicle) -> Frames:
+    fits, weather = request.out / "fits", scene.weather()
+    return read_frames(folder, vehicle, weather, fov=request.fov, kept=fits, seed=request.seed)
+
+
+def _over_frames(stage: Stage, frames: Frames) -> Stage:
+    """The same vehicle in photographs, which are a row, too."""
+    assert isinstance(stage.renderer, MaskedRenderer)
+    return replace(
+        stage,
+        name=frames.name,
+        renderer=OverFrames(stage.renderer, frames.photographs),
+        shots=frames.shots,
+        key=digest(stage.key, *frames.photographs.values()),
+        photographs={"photograph": frames.photograph},
+        notes={"frames": frames.records},
+    )
+
+
+def _shots(request: Request, scene: Scene) -> Shots:
+    """The grid's, or those that judge a ``cnca optimize`` of the same seed."""
+    if request.grid is None:
+        return held_out_shots(scene, request.views, request.seed)
+    grid = find_grid(request.grid)
+    return Shots(*grid_shots(scene, grid, request.views, seed=request.seed), request.seed)
+
+
+def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, SrgbTexture]:
+    """Row → texture with F_adv = 0: of ``--prompt``, and of every run's folder."""
+    if "prompt" not in request.controls:
+        return {}
+    prompts = {
+        f"{each.name} prompt": build.read_texture(each.prompt_picture)
+        for each in candidates
+        if each.prompt_picture
+    }
+    prompt = request.prompt
+    if prompt is None:
+        return prompts
+    folder = request.generator or build.SHIPPED_GENERATOR
+    key = digest(prompt, request.seed, sorted(hashes([folder]).values()))
+
+    def paint_it() -> torch.Tensor:
+        return prompt_texture(build.build_generator(request.generator), prompt, request.seed)[None]
+
+    return {"prompt": kept_pictures(request.out / "prompt.npz", key, paint_it)[0], **prompts}
+
+
+def _scene_names(paths: Sequence[Path]) -> list[str]:
+    names = [path.stem for path in paths]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise RunError(f"--scene: two files are called '{twice}'; rename one")
+    return names

@@ -1,0 +1,261 @@
+"""``cnca evaluate --photos``: the paper's Table 2 from anyone's labelled photographs.
+
+The photographs in each folder right below ``--photos`` are one row, such as ``normal`` and
+``CNCA``.  Other than rendered views they are not the same for every row, so that each row is
+resampled for itself.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from rich.console import Console
+
+from cnca.core import parallel
+from cnca.core.boxes import area, iou_matrix
+from cnca.core.errors import RunError
+from cnca.core.files import replacing
+from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
+from cnca.core.progress import bar
+from cnca.core.types import Boxes, Detections, SrgbImages
+from cnca.detect import detector_files
+from cnca.jobs.evaluate.parts import build_eyes
+from cnca.judge.bootstrap import Sampled, mean, resample
+from cnca.judge.candidates import named
+from cnca.judge.evaluate import look
+from cnca.judge.gallery import digest, kept_detections
+from cnca.judge.labels import Photo, read_labels
+from cnca.judge.scores import Kind, rank
+from cnca.judge.stage import Eye
+from cnca.judge.verdict import ALARM, COLUMNS, TOTAL, Seen, word_for
+from cnca.report.paper_tables import TABLE2, TABLE2_COLUMNS, quoted_table
+from cnca.report.tables import cell, table
+
+KINDS: tuple[Kind, ...] = ("voc", "voc11", "coco")
+IGNORED_SHARE = 0.5
+"""A detection that lies in an ignored box with this share of its area is ignored."""
+SHOWN, SHOWN_WIDTH = 6, 400
+"""Photographs of each row on the contact sheet, and their width in pixels."""
+
+
+@dataclass(frozen=True)
+class PhotoRequest:
+    """What the command line asks for."""
+
+    photos: Path
+    labels: Path
+    out: Path
+    detectors: tuple[str, ...] = ("builtin",)
+    seed: int = 0
+    paper_figures: bool = False
+
+
+def evaluate_photos(request: PhotoRequest, console: Console) -> dict[str, Any]:
+    """Look at all photographs, judge, write everything; returns the content of ``results.json``.
+
+    Raises:
+        RunError: photographs or labels cannot be used.
+        DetectorError: a detector cannot be used.
+    """
+    photos = read_labels(request.photos, request.labels)
+    eyes = build_eyes(request.detectors)
+    parallel.by_first(lambda: _write_manifest(request, photos))
+    own: list[dict[str, list[Detections]]] = []
+    with bar(console) as shown:
+        numbers = parallel.share(range(len(photos)))
+        for number in shown.track(numbers, description="photographs"):
+            image, found = read_photo(photos[number]), {}
+            for eye in eyes:
+                path = request.out / "detections" / eye.folder / f"photo{number:05d}.npz"
+
+                def reported(eye: Eye = eye, image: SrgbImages = image) -> list[Detections]:
+                    return look(eye.detector, image)
+
+                found[eye.name] = kept_detections(path, digest(image, eye.key), reported)
+            own.append(found)
+    every = parallel.gathered(own)
+    seen = {
+        eye.name: Seen([d for found in every for d in found[eye.name]], eye.detector.class_names)
+        for eye in eyes
+    }
+    return parallel.by_first(lambda: _conclude(request, photos, eyes, seen))
+
+
+def _conclude(
+    request: PhotoRequest, photos: Sequence[Photo], eyes: Sequence[Eye], seen: Mapping[str, Seen]
+) -> dict[str, Any]:
+    results = judge_photos(photos, seen, request.seed)
+    sheets = [f"photos_{eye.folder}.png" for eye in eyes]
+    for eye, name in zip(eyes, sheets, strict=True):
+        write_png(request.out / name, _contact_sheet(photos, seen[eye.name]))
+    write_json(request.out / "results.json", results)
+    _write_table2(request, results, sheets)
+    return results
+
+
+def judge_photos(photos: Sequence[Photo], seen: Mapping[str, Seen], seed: int) -> dict[str, Any]:
+    """Group → detector → column → AP, with intervals, and the differences to the first group.
+
+    The group called ``normal``, in whatever case, comes first.
+    """
+    groups = sorted({photo.group for photo in photos}, key=lambda g: (g.lower() != "normal", g))
+    measured, counts = {}, {}
+    for number, group in enumerate(groups):
+        own = [i for i, photo in enumerate(photos) if photo.group == group]
+        counts[group] = len(own)
+        weights = resample([len(own)], seed=seed + number)
+        measured[group] = _measure([photos[i] for i in own], own, seen, weights)
+    comparisons = []
+    for group in groups[1:]:
+        fewer = min(counts[group], counts[groups[0]])
+        for detector in (*seen, TOTAL):
+            first = measured[groups[0]][detector]["car"]["AP_voc"]
+            difference = measured[group][detector]["car"]["AP_voc"] - first
+            comparisons.append(
+                {
+                    "candidate": group,
+                    "control": groups[0],
+                    "detector": detector,
+                    **difference.as_dict(),
+                    "verdict": word_for(difference, fewer),
+                }
+            )
+    return {
+        "photos": counts,
+        "interval": "95 %, percentile bootstrap over photographs",
+        "seed": seed,
+        "rows": groups,
+        "detectors": list(seen),
+        "all": {
+            group: {
+                detector: {
+                    column: {name: number.as_dict() for name, number in numbers.items()}
+                    for column, numbers in by_column.items()
+                }
+                for detector, by_column in by_detector.items()
+            }
+            for group, by_detector in measured.items()
+        },
+        "comparisons": comparisons,
+    }
+
+
+def read_photo(photo: Photo) -> SrgbImages:
+    """The photograph, upright, (1, 3, height, width) in [0, 1].
+
+    Raises RunError where it cannot be read or has another size than its labels say.
+    """
+    pixels = cv2.imdecode(np.fromfile(photo.path, np.uint8), cv2.IMREAD_COLOR)
+    if pixels is None:
+        raise RunError(f"{photo.path}: cannot be decoded; is it a picture?")
+    height, width = pixels.shape[:2]
+    if photo.size not in (None, (width, height)):
+        stated = "×".join(map(str, photo.size or ()))
+        raise RunError(f"{photo.path}: has {width}×{height} pixels, its labels say {stated}")
+    rgb = np.ascontiguousarray(pixels[..., ::-1])
+    return torch.from_numpy(rgb).permute(2, 0, 1)[None].float() / 255
+
+
+def without_ignored(found: Detections, truth: Boxes, ignored: Boxes) -> Detections:
+    """Drop what lies in a crowd or on a difficult object, unless it may find another object."""
+    if not len(ignored) or not len(found.scores):
+        return found
+    low = torch.maximum(found.boxes[:, None, :2], ignored[None, :, :2])
+    high = torch.minimum(found.boxes[:, None, 2:], ignored[None, :, 2:])
+    common = (high - low).clamp(min=0).prod(dim=-1).amax(dim=1)
+    inside = common >= IGNORED_SHARE * area(found.boxes).clamp(min=1e-9)
+    near_object = (iou_matrix(found.boxes, truth) >= 0.5).any(dim=1)
+    keep = ~inside | near_object
+    return Detections(found.boxes[keep], found.scores[keep], found.labels[keep])
+
+
+def _measure(
+    photos: Sequence[Photo], own: Sequence[int], seen: Mapping[str, Seen], weights: torch.Tensor
+) -> dict[str, dict[str, dict[str, Sampled]]]:
+    """Detector → column → AP of each kind, for photographs number ``own`` of what was seen."""
+    table: dict[str, dict[str, dict[str, Sampled]]] = {}
+    for name, each in seen.items():
+        table[name] = {}
+        for column, classes in COLUMNS.items():
+            truths = [photo.boxes(classes) for photo in photos]
+            ignored = [torch.tensor(photo.ignored).reshape(-1, 4) for photo in photos]
+            part = Seen([each.detections[i] for i in own], each.class_names).column(column)
+            found = [without_ignored(*three) for three in zip(part, truths, ignored, strict=True)]
+            rankings = {kind: rank(found, truths, 0, kind=kind) for kind in KINDS}
+            table[name][column] = {
+                f"AP_{kind}": Sampled(ranking.average_precision(weights))
+                for kind, ranking in rankings.items()
+            }
+    table[TOTAL] = {
+        column: {
+            f"AP_{kind}": mean([table[name][column][f"AP_{kind}"] for name in seen])
+            for kind in KINDS
+        }
+        for column in COLUMNS
+    }
+    return table
+
+
+def _write_table2(request: PhotoRequest, results: dict[str, Any], pictures: list[str]) -> None:
+    detectors = [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
+    parts = [
+        "# Table 2: photographs\n",
+        ", ".join(f"{group}: {count} photographs" for group, count in results["photos"].items())
+        + f". In brackets: {results['interval']}.\n",
+    ]
+    for column, title in (("car", "of the car"), ("vehicle", "as any vehicle (car, truck, bus)")):
+        cells = {
+            row: [cell(results["all"][row][name][column]["AP_voc"]) for name in detectors]
+            for row in results["rows"]
+        }
+        quoted = TABLE2 if request.paper_figures and column == "car" else {}
+        columns = TABLE2_COLUMNS if quoted else ()
+        parts += [
+            f"## AP@0.5 {title} (Pascal VOC 2010–2012, area)\n",
+            quoted_table(tuple(quoted), cells, detectors, quoted, columns),
+        ]
+    if results["comparisons"]:
+        rows = [
+            [each["candidate"], each["control"], each["detector"], cell(each), each["verdict"]]
+            for each in results["comparisons"]
+            if each["detector"] in detectors
+        ]
+        head = ["photographs", "against", "detector", "difference of AP@0.5", "verdict"]
+        parts += ["## Differences\n", table(head, rows)]
+    parts += ["## Pictures\n", *(f"![{name}]({name})\n" for name in pictures)]
+    with replacing(request.out / "results.md") as temporary:
+        temporary.write_text("\n".join(parts), encoding="utf-8")
+
+
+def _contact_sheet(photos: Sequence[Photo], seen: Seen) -> SrgbPicture:
+    """The first photographs of each row with labels in green and detections of 0.25 in red."""
+    tiles, captions = [], []
+    for group in dict.fromkeys(photo.group for photo in photos):
+        own = [i for i, photo in enumerate(photos) if photo.group == group][:SHOWN]
+        for i in own:
+            picture = as_pictures(read_photo(photos[i]))[0]
+            scale = SHOWN_WIDTH / picture.shape[1]
+            small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            sure = seen.detections[i].above(ALARM)
+            scaled = Detections(sure.boxes * scale, sure.scores, sure.labels)
+            truth = photos[i].boxes(COLUMNS["vehicle"]) * scale
+            tiles.append(draw_boxes(small, scaled, seen.class_names, truth))
+            captions.append(group)
+    return side_by_side(tiles, captions, columns=SHOWN)
+
+
+def _write_manifest(request: PhotoRequest, photos: Sequence[Photo]) -> None:
+    inputs = [request.labels, *(photo.path for photo in photos)]
+    for spec in request.detectors:
+        inputs += detector_files(named(spec)[1])
+    fields = json.loads(json.dumps(asdict(request), default=str))
+    content = {"request": fields, "versions": versions(), "inputs": hashes(inputs)}
+    write_json(request.out / "manifest.json", content)

@@ -1,0 +1,189 @@
+"""``cnca harden``: a detector learns to find cars in the camouflages that were found against it.
+
+Adversarial training (Madry et al. 2018) with pictures in place of a search in every step: the
+built-in detector goes on learning on renders of the vehicle, half of them in the camouflages, half
+in the paints of its first training.  The folder gets::
+
+    pictures/               what it learns from
+    detector/               the hardened detector, as ``--detector`` takes it, and its training
+    views/                  the held-out views and what both detectors see in them
+    hardening.json, .md     AP@0.5 and score before and after
+    manifest.json           what all of it was made from
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from cnca import build
+from cnca.core.errors import DetectorError, RunError, did_you_mean
+from cnca.core.files import write_text
+from cnca.core.manifest import hashes, read_json, versions, write_json
+from cnca.core.progress import bar
+from cnca.detect import BUILTINS, detector_files
+from cnca.jobs.evaluate.parts import Request as EvidenceRequest
+from cnca.jobs.evaluate.parts import build_eyes, build_stages
+from cnca.judge.bootstrap import resample
+from cnca.judge.candidates import NORMAL, Candidate, parse_candidates, read_candidate
+from cnca.judge.stage import see
+from cnca.judge.verdict import measure_all, word_for
+from cnca.report.tables import cell, table
+from cnca.scene.schema import Scene, load_scene
+from cnca.train.detector import Settings, train_detector
+from cnca.train.detector_pictures import GROUPS, Cast, render_detector_data
+
+BEFORE, AFTER = "before", "after"
+MEASURES = {"AP_voc": "AP@0.5", "score": "score"}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for."""
+
+    textures: tuple[str, ...]
+    """As ``cnca evaluate`` takes them."""
+    out: Path
+    detector: str = "builtin"
+    scene: Path | None = None
+    """By default that of the run that found the first texture."""
+    pictures: int = 480
+    epochs: int = 24
+    views: int = 96
+    """Held-out views that judge both detectors."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.detector not in BUILTINS:
+            hint = did_you_mean(self.detector, BUILTINS)
+            raise DetectorError(
+                f"--detector {self.detector}: only built-in ones are hardened, "
+                f"{', '.join(BUILTINS)}{hint}"
+            )
+
+    @property
+    def hardened(self) -> str:
+        """What names the hardened detector to ``--detector``."""
+        template, folder = BUILTINS[self.detector], self.out / "detector"
+        return str(folder / template.name if template.suffix else folder)
+
+
+def harden(request: Request, console: Console, *, resume: bool = False) -> dict[str, Any]:
+    """Render, train, compare; returns the content of ``hardening.json``.
+
+    Raises:
+        CncaError: a texture, scene or detector cannot be used, ``out`` holds a hardening already
+            (without ``resume``) or one of other options, or there are too few pictures.
+    """
+    candidates = parse_candidates(request.textures)
+    scene_file = request.scene or scene_of(candidates[0])
+    evidence = EvidenceRequest(
+        scenes=(scene_file,),
+        out=request.out / "views",
+        textures=request.textures,
+        detectors=(f"{BEFORE}={request.detector}", f"{AFTER}={request.hardened}"),
+        views=request.views,
+        seed=request.seed,
+    )
+    settings = Settings(epochs=request.epochs, seed=request.seed, fine_tune=True)
+    scene = load_scene(scene_file)
+    cast = make_cast(scene, candidates)
+    inputs = [*build.scene_files(scene, scene_file), *(each.picture for each in candidates)]
+    _claim(request, inputs, resume=resume)
+    pictures = request.out / "pictures"
+    render_detector_data(pictures, pictures=request.pictures, seed=request.seed, cast=cast)
+    training = train_detector(
+        pictures,
+        request.out / "detector",
+        settings,
+        template=BUILTINS[request.detector],
+        resume=resume,
+    )
+    results = compare(evidence, candidates, console) | {"training": training}
+    write_json(request.out / "hardening.json", results)
+    write_text(request.out / "hardening.md", markdown(results))
+    return results
+
+
+def scene_of(candidate: Candidate) -> Path:
+    """The scene of the run that found a texture; raises RunError where there is no such run."""
+    manifest = candidate.picture.parent / "manifest.json"
+    if not manifest.is_file():
+        raise RunError(f"{candidate.picture}: no run's manifest.json beside it; give --scene")
+    return Path(read_json(manifest)["request"]["scene"])
+
+
+def make_cast(scene: Scene, candidates: Sequence[Candidate]) -> Cast:
+    """The scene's vehicle, every other picture in a camouflage, the others in all paints."""
+    vehicle = build.build_vehicle(scene)
+    size = scene.vehicle.texture_size
+    worn = {f"camouflage {c.name}": read_candidate(c, vehicle, size) for c in candidates}
+    names, turns = list(worn), len(GROUPS) * len(worn)
+    pairs = ((names[k % len(names)], GROUPS[k % len(GROUPS)]) for k in range(turns))
+    groups = tuple(group for pair in pairs for group in pair)
+    paint = build.build_paint(scene, vehicle)
+    return Cast({vehicle.name: lambda: vehicle}, paint, groups, worn)
+
+
+def compare(
+    evidence: EvidenceRequest, candidates: Sequence[Candidate], console: Console
+) -> dict[str, Any]:
+    """Texture → measure → number before, after, difference, each with its interval."""
+    stages, eyes = build_stages(evidence, candidates), build_eyes(evidence.detectors)
+    with bar(console) as shown:
+        weathers = len(stages[0].rows) * len(stages[0].shots.weathers)
+        task = shown.add_task("held-out views", total=weathers)
+        seen = see(stages, eyes, lambda: shown.advance(task))
+    boxes = stages[0].boxes()
+    weights = resample([len(boxes)], seed=evidence.seed)
+    measured = measure_all(seen, boxes, weights, normal=NORMAL)
+    rows: dict[str, Any] = {}
+    for row, by_detector in measured.items():
+        before, after = (by_detector[name]["car"] for name in (BEFORE, AFTER))
+        rows[row] = {}
+        for name in MEASURES:
+            difference = after[name] - before[name]
+            rows[row][name] = {
+                BEFORE: before[name].as_dict(),
+                AFTER: after[name].as_dict(),
+                "difference": difference.as_dict(),
+                "verdict": word_for(difference, len(boxes)),
+            }
+    return {"views": len(boxes), "rows": rows}
+
+
+def markdown(results: Mapping[str, Any]) -> str:
+    """The table of a hardening."""
+    head = ["texture"]
+    for measure in MEASURES.values():
+        head += [f"{measure} before", "after", "verdict"]
+    rows = []
+    for row, by_measure in results["rows"].items():
+        line = [row]
+        for each in by_measure.values():
+            line += [cell(each[BEFORE], digits=2), cell(each[AFTER], digits=2), each["verdict"]]
+        rows.append(line)
+    note = (
+        f"{results['views']} held-out views; in brackets 95 % bootstrap intervals over views. The "
+        "verdict is on the difference over the same views.\n"
+    )
+    return table(head, rows) + "\n" + note
+
+
+def _claim(request: Request, inputs: Sequence[Path], *, resume: bool) -> None:
+    """Write the manifest, or see that ``--resume`` goes on with what it says."""
+    manifest = request.out / "manifest.json"
+    asked = {key: str(value) for key, value in asdict(request).items()}
+    files = hashes([*inputs, *detector_files(request.detector)])
+    if not manifest.exists():
+        write_json(manifest, {"request": asked, "versions": versions(), "inputs": files})
+    elif not resume:
+        raise RunError(f"{request.out}: holds a hardening; --resume it or choose another --out")
+    else:
+        before = read_json(manifest)
+        if (before["request"], before["inputs"]) != (asked, files):
+            raise RunError(f"{request.out}: was begun with other options or files; choose another")

@@ -1,0 +1,100 @@
+"""What a run's camouflage is worth once it is printed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from rich.console import Console
+from torch import Tensor
+
+from cnca import build
+from cnca.core.errors import RunError
+from cnca.core.progress import bar
+from cnca.core.types import SrgbTexture
+from cnca.jobs.attack.run import held_out_shots
+from cnca.judge.bootstrap import Sampled, resample
+from cnca.judge.evaluate import Result, evaluate
+from cnca.scene.paint import Paint
+from cnca.scene.schema import Scene, load_scene
+from cnca.vehicle.model import Vehicle
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished ``cnca optimize``, as its folder tells."""
+
+    folder: Path
+    scene: Scene
+    vehicle: Vehicle
+    paint: Paint
+    request: dict[str, Any]
+    summary: dict[str, Any]
+
+    @property
+    def texture(self) -> SrgbTexture:
+        """The camouflage at the size in which it is rendered."""
+        return self.paint.resize(build.read_texture(self.folder / "texture.png"))
+
+
+def read_run(folder: Path) -> Run:
+    """The run in a folder; raises RunError where none is, or where it has not finished."""
+    contents = []
+    for name in ("manifest.json", "summary.json", "texture.png"):
+        file = folder / name
+        if not file.is_file():
+            raise RunError(f"{file}: not there; print-sheets takes the folder of a finished run")
+        if file.suffix == ".json":
+            contents.append(json.loads(file.read_text(encoding="utf-8")))
+    request = contents[0]["request"]
+    scene = load_scene(request["scene"])
+    vehicle = build.build_vehicle(scene)
+    return Run(folder, scene, vehicle, build.build_paint(scene, vehicle), request, contents[1])
+
+
+def predict(run: Run, printed: SrgbTexture, console: Console) -> dict[str, Any]:
+    """The run's verdict once more, for its texture and for what is left of it in print.
+
+    Of each of its ``detectors``: ``score`` and ``AP@0.5`` of the plain paint, the texture and the
+    print, and ``lost``, the share of the score's fall from plain paint to camouflage that printing
+    takes away; undefined where it does not fall.  95 % intervals are bootstrapped over the views.
+    """
+    request, seed = run.request, run.request["settings"]["seed"]
+    # Runs of the first versions have one detector, under another name.
+    targets = build.build_targets(request.get("detectors") or [request["detector"]])
+    shots = held_out_shots(run.scene, request["held_out_views"], seed)
+    renderer = build.build_renderer(run.scene, run.vehicle, backend=request["backend"])
+    albedos = {
+        "plain": run.paint.apply(),
+        "texture": run.paint.apply(run.texture),
+        "print": run.paint.apply(printed),
+    }
+    with bar(console) as shown:
+        task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
+        results = evaluate(renderer, targets, albedos, shots, lambda: shown.advance(task))
+    weights = resample([request["held_out_views"]], seed=seed)
+    return {
+        "views": request["held_out_views"],
+        "detectors": {name: _compared(result, weights) for name, result in results.items()},
+    }
+
+
+def _compared(
+    results: dict[str, Result], weights: Float[Tensor, "samples views"]
+) -> dict[str, Any]:
+    score = {
+        name: Sampled(weights @ torch.tensor(result.scores).double() / len(result.scores))
+        for name, result in results.items()
+    }
+    loss, fall = score["print"] - score["texture"], score["plain"] - score["texture"]
+    share = loss.samples / fall.samples
+    return {
+        "score": {name: each.as_dict() for name, each in score.items()},
+        "AP@0.5": {name: round(r.average_precision, 4) for name, r in results.items()},
+        "difference": loss.as_dict(),
+        "lost": Sampled(torch.where(fall.samples > 0, share, torch.nan)).as_dict(),
+    }

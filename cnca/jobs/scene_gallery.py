@@ -1,0 +1,101 @@
+"""``cnca gallery``: the scenes that ship, or those of a folder, as a list and as one sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from rich.console import Console
+
+from cnca import build
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import CncaError, RunError
+from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
+from cnca.core.progress import bar
+from cnca.scene import shipped
+from cnca.scene.schema import Scene, load_scene
+
+SHOWN, COLUMNS, SAMPLES = 320, 3, 64
+"""Pixels of a picture's longer side, pictures per row, rays per pixel."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One scene file; without a ``scene`` the ``problem`` says why."""
+
+    name: str
+    scene: Scene | None
+    problem: str = ""
+
+    def weather(self) -> str:
+        """Sun and fog in a few words."""
+        if self.scene is None:
+            return ""
+        sun = self.scene.sun
+        text = f"sun {sun.altitude:g}°" if sun.scale > 0 else "no sun"
+        fog = self.scene.fog
+        return text + (f", fog {fog.visibility:g} m" if fog else "")
+
+
+def entries(folder: Path | None) -> list[Entry]:
+    """The scene files of a folder; None is the shipped ones, by their ``builtin:`` names.
+
+    Raises RunError for a folder without scene files.
+    """
+    files = sorted((folder or shipped.FOLDER).glob("*.yaml"))
+    if not files:
+        raise RunError(f"{folder or shipped.FOLDER}: no scene files (.yaml) in it")
+    found = []
+    for file in files:
+        name = str(file) if folder else shipped.PREFIX + file.stem
+        try:
+            found.append(Entry(name, load_scene(file)))
+        except CncaError as error:
+            found.append(Entry(name, None, str(error)))
+    return found
+
+
+def write_sheet(listed: list[Entry], out: Path, console: Console) -> dict[str, str]:
+    """Render each scene's first camera into one PNG.
+
+    Returns name → problem of scenes that could not be rendered, such as one whose mesh is missing;
+    their places stay dark.
+    """
+    if out.suffix.lower() != ".png":
+        raise RunError(f"{out}: the sheet is written as PNG; end the name with .png")
+    pictures, problems = [], {}
+    with bar(console) as shown:
+        for entry in shown.track(listed, description="scenes"):
+            try:
+                pictures.append(_picture(entry))
+            except CncaError as error:
+                problems[entry.name] = str(error)
+                pictures.append(np.full((SHOWN, SHOWN, 3), 40, np.uint8))
+    captions = [entry.name for entry in listed]
+    write_png(out, side_by_side(pictures, captions, columns=COLUMNS))
+    return problems
+
+
+@torch.no_grad()
+def _picture(entry: Entry) -> SrgbPicture:
+    if entry.scene is None:
+        raise RunError(entry.problem)
+    image = entry.scene.image
+    shrink = SHOWN / max(image.width, image.height)
+    size = {
+        "width": max(1, round(image.width * shrink)),
+        "height": max(1, round(image.height * shrink)),
+    }
+    scene = entry.scene.model_copy(update={"image": image.model_copy(update=size)})
+    vehicle = build.build_vehicle(scene)
+    albedo = build.build_paint(scene, vehicle).apply()
+    renderer = build.build_renderer(scene, vehicle, samples=SAMPLES)
+    view = build.build_views(scene)[0]
+    images = renderer.render(albedo, [view], scene.weather(), seed=0)
+    picture = as_pictures(linear_to_srgb(images))[0]
+    canvas = np.zeros((SHOWN, SHOWN, 3), np.uint8)
+    top, left = ((SHOWN - extent) // 2 for extent in picture.shape[:2])
+    canvas[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+    return canvas

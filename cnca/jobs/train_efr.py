@@ -1,0 +1,227 @@
+"""``cnca train-efr``: pairs of cheap and true pictures, rendered or photographed, and the training.
+
+From renders, X_nr is what a backend draws and the truth what the path tracer does; test views,
+weathers and *kinds* of textures differ from those of the training.  From CARLA frames, the truth is
+the photograph: a few pictures of one car in one paint teach nothing about other textures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from rich.console import Console
+from torch import Tensor
+
+from cnca import build
+from cnca.core import parallel
+from cnca.core.color import srgb_to_linear
+from cnca.core.errors import RunError
+from cnca.core.manifest import versions, write_json
+from cnca.core.progress import bar
+from cnca.core.types import PlainPictures, SrgbTexture
+from cnca.gen import textures
+from cnca.jobs.attack.run import HELD_OUT_SEED
+from cnca.jobs.datasets.carla import fit_frame
+from cnca.mi_bridge.backgrounds import KeptBackgrounds
+from cnca.mi_bridge.lookups import LookupRenderer
+from cnca.mi_bridge.shading_cache import TracedShading
+from cnca.scene import controls
+from cnca.scene.cameras import View
+from cnca.scene.carla import read_carla_frame
+from cnca.scene.schema import Scene, load_scene
+from cnca.scene.variation import draw_views, draw_weathers
+from cnca.scene.weather import Weather
+from cnca.train.efr import EPOCHS, Outcome, Shot, train
+
+WEATHERS, TEST_SHARE = 16, 0.25
+TEXTURES = 6
+"""Textures of each view."""
+TRUTH_SAMPLES, TRUTH_SEED = 128, 0x51ED270B
+"""Rays per pixel of the truth; a seed of its own, or X_ref would hold the truth's noise."""
+
+
+class Studio:
+    """One scene's vehicle, drawn by a cheap backend and by the path tracer."""
+
+    def __init__(self, scene: Scene, backend: str, samples: int):
+        vehicle = build.build_vehicle(scene)
+        self.vehicle, self._paint = vehicle, build.build_paint(scene, vehicle)
+        loop = build.build_loop_renderer(
+            scene, vehicle, self._paint, backend=backend, samples=samples
+        )
+        assert isinstance(loop, KeptBackgrounds | LookupRenderer)
+        self._loop = loop
+        self._kept = loop if isinstance(loop, KeptBackgrounds) else loop.kept
+
+    @torch.no_grad()
+    def shoot(
+        self, view: View, weather: Weather, paints: Sequence[SrgbTexture | None], *, seed: int
+    ) -> Shot:
+        """One view in several paints, the truth by the path tracer; None is the plain paint.
+
+        What the paint throws on itself and its surroundings is the plain paint's in all truths.
+        """
+        albedos = [self._paint.apply(paint) for paint in paints]
+        shading = TracedShading(self._kept, TRUTH_SAMPLES, seed=TRUTH_SEED)
+        truth = LookupRenderer(self._kept, shading)
+        renders, truths = (
+            torch.cat([each.render(albedo, [view], weather, seed=seed) for albedo in albedos])
+            for each in (self._loop, truth)
+        )
+        return self._cut_out(view, weather, renders, truths, seed=seed)
+
+    @torch.no_grad()
+    def photograph(self, view: View, weather: Weather, photograph: Tensor) -> Shot:
+        """One view in the plain paint, the truth a linear photograph (3, height, width)."""
+        render = self._loop.render(self._paint.apply(), [view], weather, seed=0)
+        return self._cut_out(view, weather, render, photograph[None], seed=0)
+
+    def _cut_out(
+        self, view: View, weather: Weather, renders: Tensor, truths: Tensor, *, seed: int
+    ) -> Shot:
+        """The part of all pictures that the vehicle touches."""
+        mask = torch.zeros(view.height * view.width)
+        mask[self._kept.background(view, weather).pixels] = 1
+        mask = mask.reshape(1, view.height, view.width)
+        rows, columns = (mask[0].any(dim=axis).nonzero()[:, 0] for axis in (1, 0))
+        part = (
+            ...,
+            slice(int(rows[0]), int(rows[-1]) + 1),
+            slice(int(columns[0]), int(columns[-1]) + 1),
+        )
+        (plain,) = self._loop.reference([view], weather, seed=seed)
+        each = (plain.traced, plain.drawn, renders, truths, mask)
+        traced, drawn, *others = (picture[part].clone() for picture in each)
+        return Shot(PlainPictures(traced, drawn), *others)
+
+
+def train_efr(
+    out: Path,
+    *,
+    scenes: Sequence[Path] = (),
+    carla: Path | None = None,
+    carla_scene: Path,
+    backend: str,
+    samples: int,
+    views: int,
+    epochs: int = EPOCHS,
+    seed: int,
+    console: Console,
+) -> dict[str, Any]:
+    """Train an EFR on renders of ``scenes`` or on the frames in ``carla``.
+
+    Args:
+        out: ``.safetensors``; the report is written beside it as ``.json``.
+        backend: what draws X_nr, with ``samples`` rays per pixel where it traces.
+        views: views for the training, a quarter as many for the test; each in six textures.
+
+    Returns:
+        The report: mean absolute errors of display values before, after and per epoch, and the
+        share of the test pictures that are worse after.
+
+    Raises:
+        RunError: neither or both of scenes and frames are given, or a number is out of range.
+    """
+    if bool(scenes) == (carla is not None):
+        raise RunError("give either --from-render SCENE, once or more, or --carla DIR")
+    if out.suffix != ".safetensors":
+        raise RunError(f"{out}: weights are written as .safetensors; change the ending")
+    if views < 1:
+        raise RunError(f"--views {views}: give a number above 0")
+    if carla is not None:
+        shots = _frames(carla, carla_scene, backend, samples, console)
+        split = max(1, round(TEST_SHARE * len(shots)))
+        training, test = shots[split:], shots[:split]
+    else:
+        draw = partial(_renders, [load_scene(s) for s in scenes], backend, samples, console)
+        training, test = draw(views, seed), draw(max(1, round(TEST_SHARE * views)), seed, test=True)
+    with bar(console) as shown:
+        task = shown.add_task("training", total=epochs)
+
+        def after_epoch(loss: float, error: float) -> None:
+            label = f"training: L_EFR {loss:.3f}, error {error:.4f}"
+            shown.update(task, advance=1, description=label)
+
+        outcome = train(training, test, seed=seed, epochs=epochs, after_epoch=after_epoch)
+    report = _report(outcome) | {
+        "scenes": [str(scene) for scene in scenes],
+        "carla": str(carla) if carla else None,
+        "backend": backend,
+        "samples": samples,
+        "training_views": len(training),
+        "test_views": len(test),
+        "versions": versions(),
+    }
+    if parallel.rank() == 0:
+        outcome.network.save(out)
+        write_json(out.with_suffix(".json"), report)
+    return report
+
+
+def _report(outcome: Outcome) -> dict[str, Any]:
+    before, after = float(outcome.before.mean()), float(outcome.best.mean())
+    return {
+        "error_before": round(before, 5),
+        "error_after": round(after, 5),
+        "remaining": round(after / before, 4),
+        "worse": round(float((outcome.best > outcome.before).float().mean()), 4),
+        "per_epoch": [round(float(errors.mean()), 5) for errors in outcome.after],
+    }
+
+
+def _renders(
+    scenes: Sequence[Scene],
+    backend: str,
+    samples: int,
+    console: Console,
+    views: int,
+    seed: int,
+    *,
+    test: bool = False,
+) -> list[Shot]:
+    """Views of all scenes in turn, spread over their ranges of views and weathers."""
+    seed += HELD_OUT_SEED if test else 0
+    studios = [Studio(scene, backend, samples) for scene in scenes]
+    weathers = [draw_weathers(scene, WEATHERS, seed=seed) for scene in scenes]
+    every = [draw_views(scene, views, seed=seed) for scene in scenes]
+    rng, shots, own = np.random.default_rng(seed), [], parallel.share(range(views))
+    with bar(console) as shown:
+        for k in shown.track(range(views), description="test views" if test else "views"):
+            paints = [None, *(_texture(rng, natural=test) for _ in range(TEXTURES - 1))]
+            if k in own:
+                which = k % len(scenes)
+                weather = weathers[which][k // len(scenes) % WEATHERS]
+                shots.append(studios[which].shoot(every[which][k], weather, paints, seed=seed + k))
+    return parallel.gathered(shots)
+
+
+def _texture(rng: np.random.Generator, *, natural: bool) -> SrgbTexture:
+    """For the training one colour or random blocks; for the test patterns as prompts name them."""
+    if natural:
+        return torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
+    chance = torch.Generator().manual_seed(int(rng.integers(2**31)))
+    blocks = int(np.exp(rng.uniform(0, np.log(48))))
+    return controls.random_blocks(256, chance, blocks=blocks)
+
+
+def _frames(
+    folder: Path, scene_file: Path, backend: str, samples: int, console: Console
+) -> list[Shot]:
+    """CARLA's photographs, and renders of the same poses."""
+    sources = sorted(folder.glob("*.npz"))
+    if len(sources) < 2:
+        raise RunError(f"{folder}: {len(sources)} .npz frames; one to train and one to test it is")
+    scene = load_scene(scene_file)
+    studio, shots = Studio(scene, backend, samples), []
+    with bar(console) as shown:
+        for source in shown.track(parallel.share(sources), description="frames"):
+            frame = read_carla_frame(source)
+            fit = fit_frame(studio.vehicle, frame, fov=90.0, name=source.stem)
+            photograph = srgb_to_linear(torch.from_numpy(frame.image).permute(2, 0, 1))
+            shots.append(studio.photograph(fit.view, scene.weather(), photograph))
+    return parallel.gathered(shots)

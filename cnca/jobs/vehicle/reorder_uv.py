@@ -1,0 +1,153 @@
+"""``cnca reorder-uv``: a mesh with a new UV layout, its textures, and what that gained."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Bool
+
+from cnca import build
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import MeshError, RunError
+from cnca.core.images import SrgbArray, read_mask, read_texture_srgb, write_texture_srgb
+from cnca.core.manifest import write_json
+from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
+from cnca.scene.cameras import orbit_view
+from cnca.scene.paint import Paint
+from cnca.scene.schema import Scene
+from cnca.vehicle.mesh.load_mesh import resolve_vehicle
+from cnca.vehicle.mesh.write_mesh import write_obj
+from cnca.vehicle.model import Vehicle
+from cnca.vehicle.uv.layout import measure
+from cnca.vehicle.uv.masks import paint_mask
+from cnca.vehicle.uv.rebake import rebake, shown_in
+from cnca.vehicle.uv.reorder import reorder
+from cnca.vehicle.uv.skin import Skin
+
+SQUARE = 0.12
+"""Metres on the car that a square of the checker measures."""
+SHOWN, TEXELS = 384, 1024
+"""Pixels per side of each picture, and of the texture that it shows."""
+OVERLAPPING = 0.05
+"""Share of doubly used texture from which a layout cannot carry one paint."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A mesh as its file has it, with the textures in its UV space."""
+
+    mesh: str
+    up: str = "y"
+    front: str = "+x"
+    scale: float = 1.0
+    paint_mask: Path | None = None
+    base_texture: Path | None = None
+
+
+def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32) -> dict[str, Any]:
+    """Write ``out`` (OBJ), its textures, a report (.json) and a picture (.png) beside it.
+
+    The OBJ is in our axes: scenes read it with ``up: z``.  Mask and base texture of ``source`` are
+    carried over to ``…_mask.png`` and ``…_base.png`` of ``size``² texels.
+
+    Returns:
+        The report: the layout ``before`` and ``after``, each of :class:`Layout`, of the painted
+        faces that can be seen from outside, what before ``was``, and the scene's ``vehicle``.
+
+    Raises:
+        MeshError: the mesh cannot be read, or cannot be written under that name.
+        TextureError: a texture cannot be read.
+        RunError: ``size`` is too small.
+    """
+    if size < 64:
+        raise RunError(f"--size {size}: textures have at least 64 texels per side")
+    if out.suffix.lower() != ".obj":
+        raise MeshError(f"{out}: vehicles are written as OBJ; end the name with .obj")
+    vehicle, was = _load(source)
+    old = Skin.of(vehicle)
+    mask = read_mask(source.paint_mask) if source.paint_mask else None
+    result = reorder(vehicle, None if mask is None else shown_in(mask, old.corners))
+    new = Skin.of(result.vehicle)
+    section: dict[str, Any] = {"mesh": out.name, "up": "z"}
+    textures = {}
+    if mask is not None:
+        textures["paint_mask"] = np.repeat(_float(mask)[..., None], 3, axis=2)
+    if source.base_texture:
+        textures["base_texture"] = read_texture_srgb(source.base_texture)
+    for key, texture in textures.items():
+        path = out.with_name(f"{out.stem}_{'mask' if key == 'paint_mask' else 'base'}.png")
+        write_texture_srgb(path, rebake(texture, old.corners, new.corners, size).clip(0, 1))
+        section[key] = path.name
+    write_obj(out, result.vehicle)
+    before, after = (measure(skin, result.outside) for skin in (old, new))
+    report = {
+        "mesh": source.mesh,
+        "was": was,
+        "before": asdict(before),
+        "after": asdict(after),
+        "vehicle": section,
+    }
+    write_json(out.with_suffix(".json"), report)
+    baked = None if mask is None else rebake(_float(mask), old.corners, new.corners, size) > 0.5
+    pictures = _pictures(vehicle, mask, samples) + _pictures(result.vehicle, baked, samples)
+    captions = ("layout before", "checker before", " ", "layout after", "checker after", " ")
+    sheet = side_by_side(pictures, captions, columns=3)
+    write_png(out.with_suffix(".png"), sheet)
+    return report
+
+
+def _load(source: Source) -> tuple[Vehicle, str]:
+    """The vehicle with its own layout where it has a usable one, else with xatlas' own."""
+    options: dict[str, Any] = {"up": source.up, "front": source.front, "scale": source.scale}
+    try:
+        vehicle = resolve_vehicle(source.mesh, **options)
+    except MeshError as error:
+        if "texture coordinates" not in str(error):
+            raise
+        return resolve_vehicle(source.mesh, unwrap=True, **options), "xatlas (file: no usable UVs)"
+    skin = Skin.of(vehicle)
+    if measure(skin, np.ones(len(skin.faces), bool)).overlap > OVERLAPPING:
+        return resolve_vehicle(source.mesh, unwrap=True, **options), "xatlas (file: UVs overlap)"
+    return vehicle, "the file's own"
+
+
+def _float(mask: Bool[np.ndarray, "height width"]) -> np.ndarray:
+    return mask.astype(np.float32)
+
+
+def checkerboard(size: int, squares: int) -> SrgbArray:
+    """``squares``² squares whose hue tells the place: left to right, and paler upwards."""
+    row, column = np.mgrid[:size, :size] / size
+    hue, paleness = 179 * column, 255 * (0.4 + 0.6 * row)
+    hsv = np.stack([hue, paleness, np.full_like(hue, 255)], axis=2).astype(np.uint8)
+    colours = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB) / np.float32(255)
+    dark = (np.floor(row * squares) + np.floor(column * squares)) % 2
+    return colours * (1 - 0.75 * dark[..., None]).astype(np.float32)
+
+
+def _pictures(
+    vehicle: Vehicle, mask: Bool[np.ndarray, "height width"] | None, samples: int
+) -> list[SrgbPicture]:
+    """The layout filled with a checker, and the car in it from two sides."""
+    skin = Skin.of(vehicle)
+    checker = checkerboard(TEXELS, max(2, round(skin.metres_per_unit / SQUARE)))
+    shown = paint_mask(vehicle, TEXELS)
+    if mask is not None:
+        shown &= cv2.resize(mask.astype(np.uint8), (TEXELS, TEXELS), interpolation=0) > 0
+    flat = cv2.resize(np.where(shown[..., None], checker, 0.1), (SHOWN, SHOWN), interpolation=3)
+    paint = Paint(torch.full((3, TEXELS, TEXELS), 0.2), torch.from_numpy(shown[None]).float())
+    albedo = paint.apply(torch.from_numpy(checker).permute(2, 0, 1))
+    scene = Scene.model_validate({"vehicle": {"texture_size": TEXELS}})
+    views = [
+        orbit_view(azimuth, 25, 6.5, fov=50, width=SHOWN, height=SHOWN, name=str(azimuth))
+        for azimuth in (40, 220)
+    ]
+    renderer = build.build_renderer(scene, vehicle, samples=samples)
+    with torch.no_grad():
+        images = renderer.render(albedo, views, scene.weather(), seed=0)
+    return [np.rint(flat.clip(0, 1) * 255).astype(np.uint8), *as_pictures(linear_to_srgb(images))]

@@ -1,0 +1,1 @@
+"""What a camouflage is worth: AP, verdicts, intervals, candidates and controls."""

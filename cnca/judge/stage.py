@@ -1,0 +1,164 @@
+"""Where an evaluation takes its pictures: a scene with its vehicle, its views and its textures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from cnca.core import parallel
+from cnca.core.manifest import versions
+from cnca.core.types import Boxes, Detections, SrgbImages
+from cnca.judge.candidates import Coat
+from cnca.judge.evaluate import Shots, look, photograph
+from cnca.judge.gallery import digest, kept_detections, kept_pictures, recall
+from cnca.judge.verdict import Seen
+from cnca.scene.protocols import Detector, Renderer
+from cnca.scene.schema import Scene
+from cnca.vehicle.model import Vehicle
+
+DECIDING = ("cnca", "mitsuba", "drjit")
+"""Packages whose version decides what a picture looks like."""
+
+
+@dataclass(frozen=True)
+class Eye:
+    """A detector of an evaluation."""
+
+    name: str
+    detector: Detector
+    key: str
+    """Stands for its files."""
+
+    @property
+    def folder(self) -> str:
+        """The name of the folder of its detections."""
+        return re.sub(r"[^\w.+-]", "_", self.name)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One scene of an evaluation; pictures and detections are kept below ``folder``."""
+
+    name: str
+    renderer: Renderer
+    shots: Shots
+    coats: Mapping[str, Coat]
+    folder: Path
+    key: str
+    """Stands for all that decides the pictures, save texture, views, weather and seed."""
+    photographs: Mapping[str, Callable[[int], SrgbImages]] = field(default_factory=dict)
+    """Rows without a texture: name → the pictures of a weather, such as CARLA's own frames."""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """What else belongs into the results."""
+
+    @property
+    def rows(self) -> list[str]:
+        """The names of all photographs and textures."""
+        return [*self.photographs, *self.coats]
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Weather and place in it of each view, in order."""
+        return [(w, i) for w, views in enumerate(self.shots.views) for i in range(len(views))]
+
+    def boxes(self) -> Boxes:
+        """The vehicle's box in every view."""
+        parts = []
+        for weather, views in enumerate(self.shots.views):
+
+            def measured(views=views):
+                return {"boxes": self.renderer.vehicle_boxes(views).numpy()}
+
+            path = self.folder / "boxes" / self.name / f"weather{weather:02d}.npz"
+            parts.append(recall(path, digest(self.key, views), measured)["boxes"])
+        return torch.cat([torch.from_numpy(part) for part in parts])
+
+    def pictures(self, row: str, weather: int) -> SrgbImages:
+        """The pictures of one row in one weather, taken where they are not kept."""
+        return self._shoot(row, weather)[1]()
+
+    def look(self, row: str, weather: int, eyes: Sequence[Eye]) -> dict[str, list[Detections]]:
+        """What each detector reports; pictures are taken at most once, for the first who asks."""
+        key, pictures = self._shoot(row, weather)
+        found = {}
+        for eye in eyes:
+            path = self.folder / "detections" / eye.folder / self._place(row, weather)
+
+            def seen(eye=eye) -> list[Detections]:
+                return look(eye.detector, pictures())
+
+            found[eye.name] = kept_detections(path, digest(key, eye.key), seen)
+        return found
+
+    def _shoot(self, row: str, weather: int) -> tuple[str, Callable[[], SrgbImages]]:
+        """The key of some pictures, and what loads or takes them, once."""
+        shots, path = self.shots, self.folder / "pictures" / self._place(row, weather)
+        what = shots.views[weather], shots.weathers[weather], shots.seed + weather
+        if row in self.photographs:
+            key = digest(self.key, row, *what)
+            return key, cache(lambda: self.photographs[row](weather))
+        albedo = self.coats[row](weather)
+        key = digest(self.key, albedo, *what)
+
+        @cache
+        def pictures() -> SrgbImages:
+            def take() -> SrgbImages:
+                return photograph(self.renderer, albedo, shots, weather)
+
+            return kept_pictures(path, key, take)
+
+        return key, pictures
+
+    def _place(self, row: str, weather: int) -> str:
+        return f"{self.name}/{row.replace(' ', '~')}/weather{weather:02d}.npz"
+
+
+def see(
+    stages: Sequence[Stage], eyes: Sequence[Eye], advance: Callable[[], None] = lambda: None
+) -> dict[str, dict[str, Seen]]:
+    """Row → detector → what it saw over the views of all stages, which have the same rows.
+
+    ``advance`` is called after each row and weather that this process looks at.
+    """
+    looks = [
+        (row, stage, weather)
+        for row in stages[0].rows
+        for stage in stages
+        for weather in range(len(stage.shots.weathers))
+    ]
+    own = []
+    for row, stage, weather in parallel.share(looks):
+        own.append(stage.look(row, weather, eyes))
+        advance()
+    every: dict[str, dict[str, list[Detections]]] = {}
+    for (row, *_), found in zip(looks, parallel.gathered(own), strict=True):
+        for name, detections in found.items():
+            every.setdefault(row, {}).setdefault(name, []).extend(detections)
+    names = {eye.name: eye.detector.class_names for eye in eyes}
+    return {
+        row: {name: Seen(by_eye[name], classes) for name, classes in names.items()}
+        for row, by_eye in every.items()
+    }
+
+
+def scene_key(scene: Scene, vehicle: Vehicle, *, backend: str, samples: int | None) -> str:
+    """Stands for the vehicle, its surroundings and the programs that draw them."""
+    arrays = [a for p in vehicle.parts for a in (p.vertices, p.faces, p.normals, p.uvs)]
+    materials = [(part.name, part.material) for part in vehicle.parts], vehicle.paint
+    own = versions()
+    return digest(
+        scene.ground,
+        scene.image,
+        scene.vehicle.texture_size,
+        materials,
+        *arrays,
+        backend,
+        samples,
+        {name: own[name] for name in DECIDING},
+    )

@@ -1,0 +1,143 @@
+"""From what detectors saw to numbers with intervals, and whether a difference is one.
+
+Everything is estimated over the same resamples of the views (see :mod:`cnca.judge.bootstrap`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from cnca.core.errors import DetectorError
+from cnca.core.types import Boxes, Detections
+from cnca.judge.bootstrap import Sampled, mean
+from cnca.judge.scores import as_one_class, detection_score, rank
+
+COLUMNS = {"car": ("car",), "vehicle": ("car", "truck", "bus")}
+"""Column → the classes as which the vehicle counts as found."""
+MEASURES = {
+    "AP_voc": "AP@0.5, Pascal VOC 2010–2012 (area)",
+    "AP_voc11": "AP@0.5, Pascal VOC 2007 (11 points)",
+    "AP_coco": "AP@0.5, COCO (101 points)",
+    "score": "mean detection score",
+    "success": "attack success rate",
+}
+ALARM = 0.25
+"""Confidence at which the vehicle counts as found, for the attack success rate."""
+LEAST_VIEWS = 20
+"""Where all of so many views are alike, up to 3 / 20 of all others may still differ (at 95 %)."""
+TOO_FEW = "too few views"
+TOTAL = "total"
+
+Weights = Float[Tensor, "samples views"]
+Measured = dict[str, Sampled]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one detector reported over all views."""
+
+    detections: Sequence[Detections]
+    class_names: Sequence[str]
+
+    def column(self, name: str) -> list[Detections]:
+        """The detections that count in a column, as class 0.
+
+        Raises DetectorError where the detector does not know the class ``car``.
+        """
+        if "car" not in self.class_names:
+            known = ", ".join(self.class_names)
+            raise DetectorError(f"a detector knows no class 'car': it has {known}")
+        labels = [i for i, known in enumerate(self.class_names) if known in COLUMNS[name]]
+        if len(labels) > 1:
+            return [as_one_class(found, labels) for found in self.detections]
+        own = [found.of(labels[0]) for found in self.detections]
+        return [Detections(d.boxes, d.scores, torch.zeros_like(d.labels)) for d in own]
+
+
+def measure(
+    seen: Seen, before: Seen | None, boxes: Boxes, weights: Weights, column: str
+) -> Measured:
+    """All :data:`MEASURES` of one texture before one detector.
+
+    ``before`` is what the same detector saw of the normal paint in the same views; without it there
+    is no attack success rate, the share of the views with a vehicle found before (confidence of at
+    least :data:`ALARM`, IoU of at least 0.5) in which it is found no more.
+    """
+    found = seen.column(column)
+    truths = [box[None] for box in boxes]
+    measured = {
+        f"AP_{kind}": Sampled(rank(found, truths, 0, kind=kind).average_precision(weights))
+        for kind in ("voc", "voc11", "coco")
+    }
+    scores = _scores(found, boxes)
+    measured["score"] = Sampled(weights @ scores / weights.sum(dim=1))
+    if before is not None:
+        had = (_scores(before.column(column), boxes) >= ALARM).double()
+        lost = had * (scores < ALARM)
+        measured["success"] = Sampled((weights @ lost) / (weights @ had))  # 0 / 0 is NaN
+    return measured
+
+
+def measure_all(
+    seen: Mapping[str, Mapping[str, Seen]], boxes: Boxes, weights: Weights, *, normal: str
+) -> dict[str, dict[str, dict[str, Measured]]]:
+    """Texture → detector → column → measures; ``total`` is the mean over the detectors.
+
+    ``seen`` maps texture → detector → what it saw; ``normal`` names the texture that all others are
+    compared with in the attack success rate.
+    """
+    table: dict[str, dict[str, dict[str, Measured]]] = {}
+    for texture, by_detector in seen.items():
+        table[texture] = {}
+        for detector, each in by_detector.items():
+            before = None if texture == normal else seen[normal][detector]
+            table[texture][detector] = {
+                column: measure(each, before, boxes, weights, column) for column in COLUMNS
+            }
+        own = list(table[texture].values())
+        table[texture][TOTAL] = {
+            column: {name: mean([m[column][name] for m in own]) for name in own[0][column]}
+            for column in COLUMNS
+        }
+    return table
+
+
+def by_section(
+    seen: Mapping[str, Seen],
+    boxes: Boxes,
+    weights: Weights,
+    sections: Sequence[Sequence[int]],
+) -> list[Sampled]:
+    """AP (VOC, area, class car), mean over the detectors, of each section of the views."""
+    found = [each.column("car") for each in seen.values()]
+    sampled = []
+    for views in sections:
+        truths = [boxes[i][None] for i in views]
+        rankings = [rank([each[i] for i in views], truths, 0) for each in found]
+        part = weights[:, list(views)]
+        sampled.append(mean([Sampled(r.average_precision(part)) for r in rankings]))
+    return sampled
+
+
+def word_for(difference: Sampled, views: int) -> str:
+    """``lower`` or ``higher`` where a difference's interval excludes 0, else ``no difference``.
+
+    Of less than :data:`LEAST_VIEWS` nothing is said: resamples of a few views that are all alike do
+    not vary, whatever other views might show.
+    """
+    if views < LEAST_VIEWS:
+        return TOO_FEW
+    low, high = difference.interval()
+    if high < 0:
+        return "lower"
+    return "higher" if low > 0 else "no difference"
+
+
+def _scores(found: Sequence[Detections], boxes: Boxes) -> Float[Tensor, " views"]:
+    scores = [detection_score(each, box, 0) for each, box in zip(found, boxes, strict=True)]
+    return torch.tensor(scores, dtype=torch.float64)

@@ -1,0 +1,107 @@
+"""Pictures with boxes from a folder, for training and testing detectors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from cnca.core.errors import DetectorError
+from cnca.train.augment import augment
+from cnca.train.yolo_loss import Targets
+
+TRAIN, TEST = "train", "test"
+KEYS = ("class_names", "boxes", "group", "split")
+
+
+class LabelledPictures:
+    """A folder of ``images.npy`` and ``labels.json``.
+
+    ``images.npy`` is uint8 sRGB (count, height, width, 3) and is read piece by piece.
+    ``labels.json`` holds ``class_names``; ``boxes``, for each picture a list of
+    [left, top, right, bottom, class] in pixels; ``group``, for each picture the name under which
+    it is reported; ``split``, for each picture ``train`` or ``test``.
+
+    Raises:
+        DetectorError: a file is missing, or its content does not fit.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        try:
+            self.pictures = np.load(folder / "images.npy", mmap_mode="r")
+            labels = json.loads((folder / "labels.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DetectorError(f"{folder}: no data set for a detector ({error})") from error
+        for key in KEYS:
+            if key not in labels:
+                raise DetectorError(f"{folder / 'labels.json'}: key '{key}' is missing")
+        self._check_pictures()
+        self.class_names: list[str] = labels["class_names"]
+        self.groups: list[str] = labels["group"]
+        self.boxes = [np.array(b, float).reshape(-1, 5) for b in labels["boxes"]]
+        self.split: list[str] = labels["split"]
+        for key, values in (("boxes", self.boxes), ("group", self.groups), ("split", self.split)):
+            if len(values) != len(self.pictures):
+                raise DetectorError(
+                    f"{folder / 'labels.json'}: '{key}' has {len(values)} entries, "
+                    f"images.npy holds {len(self.pictures)} pictures"
+                )
+        self._check_boxes()
+
+    def of_split(self, split: str) -> list[int]:
+        """Indices of the pictures in ``train`` or ``test``."""
+        return [index for index, name in enumerate(self.split) if name == split]
+
+    def _check_pictures(self) -> None:
+        shape, dtype = self.pictures.shape, self.pictures.dtype
+        if len(shape) != 4 or shape[3] != 3 or dtype != np.uint8:
+            problem = f"is {dtype} {shape}, must be uint8 (count, height, width, 3)"
+            raise DetectorError(f"{self.folder / 'images.npy'}: {problem}")
+
+    def _check_boxes(self) -> None:
+        height, width = self.pictures.shape[1:3]
+        for index, boxes in enumerate(self.boxes):
+            low, high, label = boxes[:, :2], boxes[:, 2:4], boxes[:, 4]
+            inside = (low >= 0).all() and (high <= [width, height]).all() and (low < high).all()
+            if not inside or not np.isin(label, np.arange(len(self.class_names))).all():
+                where = f"{self.folder / 'labels.json'}: boxes of picture {index}"
+                raise DetectorError(f"{where} must lie in {width}×{height} px, with a known class")
+
+
+class TrainingPictures(Dataset):
+    """Augmented pictures of the training half; the same seed and epoch give the same pictures."""
+
+    def __init__(self, data: LabelledPictures, size: tuple[int, int], seed: int) -> None:
+        self.data, self.size, self.seed = data, size, seed
+        self.indices = data.of_split(TRAIN)
+        self.epoch = 0
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __getitem__(self, item: int) -> tuple[UInt8[np.ndarray, "height width 3"], np.ndarray]:
+        """A picture and its boxes (objects, 5), the class last."""
+        index = self.indices[item]
+        random = np.random.default_rng((self.seed, self.epoch, index))
+        labels = self.data.boxes[index]
+        picture, boxes, kept = augment(
+            np.asarray(self.data.pictures[index]), labels[:, :4], self.size, random
+        )
+        return picture, np.concatenate([boxes, labels[kept, 4:]], axis=1)
+
+
+def collate(
+    samples: list[tuple[np.ndarray, np.ndarray]],
+) -> tuple[Float[Tensor, "batch 3 height width"], Targets]:
+    """One batch: sRGB pictures in [0, 1] and all their objects."""
+    pictures = torch.from_numpy(np.stack([picture for picture, _ in samples]))
+    boxes = torch.from_numpy(np.concatenate([labels for _, labels in samples])).float()
+    images = [image for image, (_, labels) in enumerate(samples) for _ in labels]
+    targets = Targets(boxes[:, :4], boxes[:, 4].long(), torch.tensor(images, dtype=torch.long))
+    return pictures.permute(0, 3, 1, 2).float() / 255, targets

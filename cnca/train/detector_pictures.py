@@ -1,0 +1,252 @@
+"""Renders the pictures on which detectors are trained and tested.
+
+Every picture shows a vehicle, or none, among boxes, barrels and the like that may wear the same
+texture: so neither a loud texture nor a blob on the ground makes a car.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from cnca.core.color import linear_to_srgb
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.files import replacing
+from cnca.core.progress import bar
+from cnca.core.types import SrgbTexture
+from cnca.gen import textures
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.scene import controls
+from cnca.scene.cameras import View, orbit_view
+from cnca.scene.paint import Paint
+from cnca.scene.weather import Fog, Weather
+from cnca.vehicle.builtin import props
+from cnca.vehicle.builtin.sedan import BUILTIN_VEHICLES, build_sedan
+from cnca.vehicle.model import Part, Vehicle
+
+GROUPS = ("plain", "uniform", "blocks", "shuffled", "prompt")
+"""Kinds of paint; a picture without a vehicle is in the group ``empty``."""
+PICTURES_PER_SCENE = 15
+WEATHERS_PER_SCENE = 3
+EMPTY_SHARE, FOG_SHARE, TEST_SHARE = 0.15, 0.4, 0.15
+LOUD = ("blocks", "shuffled", "prompt")
+TEXTURE_SIZE, SAMPLES = 256, 8
+LEAST_PIXELS = 300
+"""A vehicle hidden beyond this is not one to find."""
+PLAIN_PAINTS = (
+    (0.92, 0.92, 0.92), (0.78, 0.79, 0.80), (0.45, 0.46, 0.48), (0.06, 0.06, 0.07),
+    (0.60, 0.05, 0.06), (0.08, 0.16, 0.45), (0.05, 0.25, 0.16), (0.78, 0.70, 0.55),
+)  # fmt: skip
+"""sRGB colours in which most cars are sold."""
+
+
+@dataclass(frozen=True)
+class Cast:
+    """What the pictures show, apart from surroundings, weather and views."""
+
+    vehicles: Mapping[str, Callable[[], Vehicle]]
+    """Name → what builds it; a scene shows one of them, or none."""
+    paint: Paint
+    groups: tuple[str, ...] = GROUPS
+    """Kinds of paint, in turn."""
+    textures: Mapping[str, SrgbTexture] = field(default_factory=dict)
+    """Kinds of paint that are one texture each."""
+    loud_stride: int = 1
+    """Of the training pictures in loud paint every so many-th is kept."""
+
+
+BUILTIN_CAST = Cast(
+    {name: partial(build_sedan, shape, name) for name, shape in BUILTIN_VEHICLES.items()},
+    Paint(torch.zeros(3, TEXTURE_SIZE, TEXTURE_SIZE), torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE)),
+    loud_stride=20,
+)
+"""All built-in vehicles.  Loud paint is rare, as on roads: a detector that sees nothing else learns
+to disregard paint altogether."""
+
+
+@dataclass(frozen=True)
+class _Picture:
+    image: np.ndarray
+    """uint8 sRGB (size, size, 3)."""
+    box: list[float] | None
+    """xyxy and class 0, or None without a vehicle."""
+    group: str
+
+
+def render_detector_data(
+    out: Path, *, pictures: int, seed: int, size: int = 256, cast: Cast = BUILTIN_CAST
+) -> None:
+    """Write ``images.npy`` and ``labels.json`` into ``out``; continues where it was interrupted.
+
+    Args:
+        pictures: how many; rounded up to whole scenes of 15.
+        size: pixels per side.
+        cast: vehicles and paints.
+
+    Raises:
+        DetectorError: ``pictures`` is not positive.
+    """
+    if pictures < 1:
+        raise DetectorError(f"--pictures {pictures}: give at least one")
+    out.mkdir(parents=True, exist_ok=True)
+    scenes = -(-pictures // PICTURES_PER_SCENE)
+    parts = [out / f"scene{index:04d}-{seed}.npz" for index in range(scenes)]
+    with bar() as progress:
+        for index, part in enumerate(progress.track(parts, description="scenes for the detector")):
+            if not part.exists():
+                _save(part, _render_scene(np.random.default_rng([seed, index]), size, cast))
+    _merge(out, parts, cast.loud_stride)
+
+
+def _save(path: Path, pictures: list[_Picture]) -> None:
+    labels = json.dumps([{"box": p.box, "group": p.group} for p in pictures])
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, images=np.stack([p.image for p in pictures]), labels=labels)
+
+
+def _merge(out: Path, parts: Sequence[Path], loud_stride: int) -> None:
+    """Join the scenes; the first ones are for testing, and keep all of their loud paint."""
+    images: list[np.ndarray] = []
+    table: dict[str, list] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
+    loud = 0
+    for index, part in enumerate(parts):
+        with np.load(part) as scene:
+            pictures, labels = scene["images"], json.loads(str(scene["labels"]))
+        split = "test" if index < TEST_SHARE * len(parts) else "train"
+        for picture, label in zip(pictures, labels, strict=True):
+            if split == "train" and label["group"] in LOUD:
+                loud += 1
+                if loud % loud_stride:
+                    continue
+            images.append(picture)
+            table["boxes"].append([label["box"]] if label["box"] else [])
+            table["group"].append(label["group"])
+            table["split"].append(split)
+    with replacing(out / "images.npy") as temporary, temporary.open("wb") as file:
+        np.save(file, np.stack(images))
+    with replacing(out / "labels.json") as temporary:
+        temporary.write_text(json.dumps(table))
+
+
+def _render_scene(rng: np.random.Generator, size: int, cast: Cast) -> list[_Picture]:
+    empty = rng.random() < EMPTY_SHARE
+    name = str(rng.choice(list(cast.vehicles)))
+    vehicle = Vehicle("none", ()) if empty else cast.vehicles[name]()
+    renderer = MitsubaRenderer(
+        vehicle,
+        ground_albedo=(rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3)).tolist(),
+        texture_size=cast.paint.base.shape[-1],
+        samples=SAMPLES,
+        props=_surround(rng),
+    )
+    weathers = [_weather(rng) for _ in range(WEATHERS_PER_SCENE)]
+    pictures = []
+    for k in range(PICTURES_PER_SCENE):
+        group = cast.groups[k % len(cast.groups)]
+        albedo = cast.paint.apply(_texture(group, rng, cast.textures))
+        view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
+        seed = int(rng.integers(2**31))
+        with torch.no_grad():
+            image = renderer.render(albedo, [view], weathers[k % len(weathers)], seed=seed)
+        box = None if empty else [*renderer.vehicle_boxes([view])[0].tolist(), 0]
+        pixels = (linear_to_srgb(image[0]).permute(1, 2, 0) * 255).round().byte().numpy()
+        pictures.append(_Picture(pixels, box, "empty" if empty else group))
+    return pictures
+
+
+def _surround(rng: np.random.Generator) -> tuple[Part, ...]:
+    """Three to eight props in a ring around the vehicle, two thirds of them in its texture."""
+    ring = []
+    for _ in range(rng.integers(3, 9)):
+        angle, distance = rng.uniform(0, 2 * np.pi), rng.uniform(4.2, 13)
+        material = "paint" if rng.random() < 0.67 else str(rng.choice(["trim", "metal", "plate"]))
+        place = (distance * np.cos(angle), distance * np.sin(angle))
+        ring.append(props.placed(props.draw_prop(rng), material, place, rng.uniform(0, 2 * np.pi)))
+    # At least one painted thing, so that pictures without a vehicle still show the texture.
+    ring.append(props.placed(props.draw_prop(rng), "paint", (0.0, 5.5), rng.uniform(0, np.pi)))
+    return tuple(ring)
+
+
+def _weather(rng: np.random.Generator) -> Weather:
+    fog = (
+        Fog(float(np.exp(rng.uniform(np.log(40), np.log(600)))))
+        if rng.random() < FOG_SHARE
+        else None
+    )
+    return Weather(
+        sun_altitude=float(rng.uniform(8, 75)),
+        sun_azimuth=float(rng.uniform(0, 360)),
+        turbidity=float(rng.uniform(2, 6)),
+        sun_scale=float(rng.choice([1.0, 1.0, 0.05])),
+        fog=fog,
+    )
+
+
+def _shows(renderer: MitsubaRenderer, view: View) -> bool:
+    """Whether enough of the vehicle is seen past the props to call it one."""
+    return bool((renderer.vehicle_mask([view]) > 0.5).sum() >= LEAST_PIXELS)
+
+
+def _views(rng: np.random.Generator, size: int) -> Iterator[View]:
+    """Endless random views."""
+    while True:
+        yield _view(rng, size)
+
+
+def _view(rng: np.random.Generator, size: int) -> View:
+    distance = float(rng.uniform(5.5, 14))
+    aim = rng.uniform(-0.12, 0.12, 3) * distance
+    return orbit_view(
+        float(rng.uniform(0, 360)),
+        float(rng.uniform(2, 40)),
+        distance,
+        fov=45.0,
+        width=size,
+        height=size,
+        target=(float(aim[0]), float(aim[1]), 0.7 + abs(float(aim[2])) / 2),
+    )
+
+
+def _texture(group: str, rng: np.random.Generator, fixed: Mapping[str, SrgbTexture]) -> SrgbTexture:
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+    if group in fixed:
+        return fixed[group]
+    if group == "plain":
+        color = torch.tensor(PLAIN_PAINTS[rng.integers(len(PLAIN_PAINTS))])
+        return color[:, None, None].expand(3, TEXTURE_SIZE, TEXTURE_SIZE).clone()
+    if group == "uniform":
+        return controls.uniform(TEXTURE_SIZE, generator)
+    if group == "blocks":
+        return controls.random_blocks(TEXTURE_SIZE, generator, blocks=int(rng.integers(4, 24)))
+    texture = torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
+    if group == "shuffled":
+        return controls.shuffled(texture, generator, blocks=int(2 ** rng.integers(2, 6)))
+    return texture
+
+
+def train_builtin(
+    out: Path, *, kind: str, pictures: int, epochs: int, seed: int, resume: bool
+) -> dict[str, object]:
+    """Render the pictures into ``out/pictures``, train into ``out/KIND``, return the report.
+
+    Raises:
+        DetectorError: there is no such ``kind``.
+        RunError: ``out/KIND`` holds a training already (without ``resume``).
+    """
+    from cnca.detect import TRAINED
+    from cnca.train.detector import Settings, checkpoint_in, train_detector
+
+    if kind not in TRAINED:
+        hint = did_you_mean(kind, TRAINED)
+        raise DetectorError(f"kind '{kind}': unknown; there is {', '.join(TRAINED)}{hint}")
+    settings = Settings(epochs=epochs, seed=seed)
+    checkpoint_in(out / kind, resume=resume)
+    folder = out / "pictures"
+    render_detector_data(folder, pictures=pictures, seed=seed)
+    return train_detector(folder, out / kind, settings, template=TRAINED[kind], resume=resume)

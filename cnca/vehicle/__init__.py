@@ -1,0 +1,1 @@
+"""The vehicle: its mesh, its UV layout, and the bodies that ship."""

@@ -1,0 +1,1 @@
+"""The bodies that ship with the package, made by formulas."""

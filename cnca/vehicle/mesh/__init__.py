@@ -1,0 +1,1 @@
+"""Reading meshes of every kind, and saying what is wrong with them."""

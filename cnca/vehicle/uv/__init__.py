@@ -1,0 +1,1 @@
+"""UV layouts: unfolding, unwrapping, checking, and painting texels anew."""

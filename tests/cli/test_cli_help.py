@@ -1,0 +1,94 @@
+"""The terminal: examples that parse, completion, quiet progress, no unwanted colours."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from io import StringIO
+
+import pytest
+import typer
+from rich.console import Console
+
+from cnca.cli import app
+from cnca.cli.examples import EXAMPLES
+from cnca.core.progress import bar
+
+ROOT = typer.main.get_command(app)
+
+
+def _commands(group, prefix=""):
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from _commands(command, f"{prefix}{name} ")
+        else:
+            yield prefix + name, command
+
+
+COMMANDS = dict(_commands(ROOT))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_help_ends_with_an_example(name):
+    answer = _cnca(*name.split(), "--help") if name == "doctor" else None
+    shown = answer.stdout if answer else COMMANDS[name].epilog or ""
+    assert f"  cnca {name}" in shown.split("Examples:")[-1]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_name_options_that_there_are(name):
+    """The parser takes them; nothing is run."""
+    for example in EXAMPLES[name]:
+        words = shlex.split(example)
+        assert words[: len(name.split())] == name.split()
+        COMMANDS[name].make_context(name, words[len(name.split()) :])
+
+
+def test_a_wrong_example_would_be_seen():
+    with pytest.raises(Exception, match="No such option"):
+        COMMANDS["gallery"].make_context("gallery", ["--outt", "x.png"])
+
+
+def _cnca(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "cnca", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
+
+
+def test_the_shell_completes_commands():
+    answer = _cnca(_CNCA_COMPLETE="complete_bash", COMP_WORDS="cnca render-", COMP_CWORD="1")
+    assert {"render-scene", "render-dataset"} <= set(answer.stdout.split())
+
+
+def _shown(monkeypatch, **environment) -> str:
+    for name in ("CNCA_QUIET", "NO_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    console = Console(file=StringIO(), force_terminal=True, color_system="standard", width=100)
+    with bar(console) as progress:
+        list(progress.track(range(3), description="scenes"))
+    return console.file.getvalue()
+
+
+def test_progress_is_shown_unless_quiet(monkeypatch):
+    assert "scenes" in _shown(monkeypatch)
+    assert _shown(monkeypatch, CNCA_QUIET="1").strip() == ""
+
+
+def test_quiet_is_an_option_before_the_command(monkeypatch):
+    monkeypatch.delenv("CNCA_QUIET", raising=False)
+    answer = _cnca("--quiet", "gallery", "nowhere")
+    assert answer.returncode == 2
+    assert answer.stderr.startswith("error: nowhere: no scene files")
+
+
+def test_no_color_takes_the_colours_away(monkeypatch):
+    colour = re.compile(r"\x1b\[[0-9;]*3[0-7]")
+    assert colour.search(_shown(monkeypatch))
+    assert not colour.search(_shown(monkeypatch, NO_COLOR="1"))

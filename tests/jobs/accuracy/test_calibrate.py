@@ -1,0 +1,74 @@
+"""Do the plan's predictions hold in scenes that they were not made from?"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cnca.core.errors import RunError
+from cnca.effects.prices import TYPICAL
+from cnca.jobs.accuracy.calibrate import MODELS, fit_prices, obtained_error, random_case
+
+HELD_OUT = range(2000, 2012)
+"""Seeds of random scenes; those of the shipped prices begin at 0."""
+TARGETS = (0.02, 0.05, 0.1, 0.2)
+
+
+@pytest.mark.slow
+def test_nine_of_ten_pictures_have_at_most_one_and_a_half_times_the_error_asked_for():
+    ratios = []
+    for index, seed in enumerate(HELD_OUT):
+        target = TARGETS[index % len(TARGETS)]
+        error, uncertainty = obtained_error(random_case(seed), target)
+        print(f"scene {seed}: asked {target:.0%}, got {error:.2%} ± {uncertainty:.2%}")
+        ratios.append(error / target)
+    assert np.mean(np.array(ratios) <= 1.5) >= 0.9
+    assert np.median(ratios) > 0.1, "nor is it met by wasting samples"
+
+
+def test_cases_are_the_same_for_the_same_seed():
+    a, b, c = random_case(3), random_case(3), random_case(4)
+    assert (a.weather, a.view, a.scene) == (b.weather, b.view, b.scene)
+    assert a.albedo.equal(b.albedo)
+    assert a.weather != c.weather
+    assert 0 <= float(a.albedo.min()) <= float(a.albedo.max()) <= 1
+
+
+def record(ground: float) -> dict:
+    """What a renderer with known laws would measure."""
+    errors = {f"{effect}={model}": 0.5 * ground for effect, model in MODELS}
+    models = {"interreflection": "2", "sun": "direction", "fog": "none", "materials": "coat"}
+    more = models | {"interreflection": "3"}
+    return {
+        "features": [1.0, np.log(ground), 0.0, 0.0, 0.0],
+        "known": {key: 0.5 if key == "fog=none" else 1.0 for key in errors},
+        "errors": errors,
+        "noise": [
+            {
+                "features": [1.0, np.log(ground), 0.0, 0.0, 0.0, 0.0, np.log(n / TYPICAL)],
+                "noise": 0.2 * (n / TYPICAL) ** -0.6,
+            }
+            for n in (4, 16, 64)
+        ],
+        "timed": [{"models": models, "seconds": 0.3}, {"models": more, "seconds": 0.35}],
+    }
+
+
+def test_the_fit_finds_known_laws():
+    prices = fit_prices([record(ground) for ground in np.geomspace(0.02, 0.8, 40)])
+    assert -prices.noise.weights[-1] == pytest.approx(0.6, rel=0.01)
+    assert prices.seconds["interreflection"] == pytest.approx(0.05, rel=0.01)
+    for ground in (0.05, 0.5):
+        features = record(ground)["features"]
+        assert prices.noise.error([*features, 0.0, 0.0]) == pytest.approx(0.2, rel=0.02)
+        assert prices.errors["interreflection=1"].error(features) == pytest.approx(
+            0.5 * ground, rel=0.1
+        )
+        assert prices.errors["fog=none"].error(features) == pytest.approx(ground, rel=0.1)
+
+
+def test_too_few_scenes_are_refused():
+    clear = record(0.2)
+    del clear["errors"]["fog=none"]
+    with pytest.raises(RunError, match="none of them shows fog=none"):
+        fit_prices([clear])

@@ -1,0 +1,83 @@
+"""``cnca train-efr`` from renders and from frames, as small as it goes."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import torch
+from rich.console import Console
+
+from cnca import build
+from cnca.core.errors import RunError
+from cnca.core.types import PlainPictures
+from cnca.jobs import train_efr
+from cnca.mi_bridge import backgrounds
+from cnca.scene.schema import load_scene
+from tests.jobs.datasets.test_carla import write_frame
+
+SCENE = """
+vehicle: {mesh: builtin:sedan, texture_size: 16}
+image: {width: 32, height: 24}
+"""
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    monkeypatch.setattr(train_efr, "TRUTH_SAMPLES", 8)
+    monkeypatch.setattr(train_efr, "TEXTURES", 2)
+    monkeypatch.setattr(backgrounds, "REFERENCE_SAMPLES", 8)
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+
+    def run(**options):
+        usual = {"carla_scene": scene, "backend": "raster", "samples": 1, "views": 4, "epochs": 1}
+        usual |= {"seed": 0, "console": Console(quiet=True)}
+        return train_efr.train_efr(tmp_path / "efr.safetensors", **usual | options)
+
+    run.scene = scene
+    return run
+
+
+def test_from_renders(call, tmp_path):
+    report = call(scenes=[call.scene])
+    assert (report["training_views"], report["test_views"]) == (4, 1)
+    assert report["error_after"] == min([report["error_before"], *report["per_epoch"]])
+    assert json.loads((tmp_path / "efr.json").read_text())["backend"] == "raster"
+    residual = build.build_residual(tmp_path / "efr.safetensors")
+    images = torch.rand(1, 3, 9, 9)
+    plain = PlainPictures(images + 0.1, images)
+    assert residual(images, [plain]).shape == images.shape
+    assert 0 <= report["worse"] <= 1
+
+
+def test_truth_and_reference_agree_in_the_plain_paint(call, monkeypatch):
+    """Both are path-traced, with other random numbers; the render is not."""
+    monkeypatch.setattr(train_efr, "TRUTH_SAMPLES", 128)
+    monkeypatch.setattr(backgrounds, "REFERENCE_SAMPLES", 128)
+    scene = load_scene(call.scene)
+    studio = train_efr.Studio(scene, "raster", 1)
+    shot = studio.shoot(build.build_views(scene)[0], scene.weather(), [None], seed=0)
+    traced = shot.plain.traced
+    assert torch.equal(shot.renders, shot.plain.drawn)
+    assert shot.renders.shape == shot.truths.shape == traced.shape
+    assert not torch.equal(shot.truths, traced)
+    error = ((shot.truths - traced).abs() * shot.mask).mean()
+    assert error < 0.5 * ((shot.renders - traced).abs() * shot.mask).mean()
+
+
+def test_from_frames(call, tmp_path):
+    for name, yaw in (("a", 30), ("b", 200)):
+        write_frame(tmp_path / f"{name}.npz", yaw)
+    report = call(carla=tmp_path)
+    assert (report["training_views"], report["test_views"]) == (1, 1)
+    assert report["error_after"] < 1
+
+
+def test_what_cannot_be_trained_is_refused(call, tmp_path):
+    with pytest.raises(RunError, match="either --from-render"):
+        call()
+    with pytest.raises(RunError, match="one to train and one to test"):
+        call(carla=tmp_path)
+    with pytest.raises(RunError, match="--views 0"):
+        call(scenes=[call.scene], views=0)
