@@ -16,6 +16,7 @@ ROOMS = (
     "core",
     "scene",
     "vehicle",
+    "world",
     "effects",
     "mi_bridge",
     "gen",

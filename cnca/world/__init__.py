@@ -1,0 +1,1 @@
+"""What stands around the vehicle: streets of our own, meshes and scenes of others."""

@@ -1,0 +1,103 @@
+"""A world as arrays: what stands around the vehicle, and where in it a vehicle may stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from cnca.scene.materials import LinearRgb
+
+
+@dataclass(frozen=True)
+class Surface:
+    """How a piece of the world reflects or emits light (Disney's principled model)."""
+
+    base_color: LinearRgb = (0.5, 0.5, 0.5)
+    """Linear reflectance in [0, 1]; a factor on ``texture`` where there is one."""
+    texture: UInt8[np.ndarray, "height width 3"] | None = None
+    """sRGB picture of the reflectance, row 0 on top (v = 1), repeated beyond [0, 1]."""
+    opacity: UInt8[np.ndarray, "height width"] | None = None
+    """Mask in the same coordinates: 0 is a hole, 255 solid, such as the leaves of a tree."""
+    roughness: float = 0.8
+    specular: float = 0.5
+    metallic: float = 0.0
+    clearcoat: float = 0.0
+    emission: LinearRgb = (0.0, 0.0, 0.0)
+    """Radiance that a lamp emits, in the units of the sky (W/m²/sr/nm); 0 for all else."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One mesh of one surface; metres, right-handed, +z up."""
+
+    name: str
+    surface: str
+    """A key of :attr:`World.surfaces`."""
+    vertices: Float[np.ndarray, "vertices 3"]
+    faces: Int[np.ndarray, "faces 3"]
+    """Counter-clockwise seen from outside."""
+    normals: Float[np.ndarray, "vertices 3"]
+    """Unit shading normals pointing outwards."""
+    uvs: Float[np.ndarray, "vertices 2"] | None = None
+    """Texture coordinates, v upwards, repeated beyond [0, 1]; needed where there is a picture."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a vehicle may stand: a point of the road's surface, and where it heads."""
+
+    x: float
+    y: float
+    z: float = 0.0
+    heading: float = 0.0
+    """Degrees counter-clockwise from +x, seen from above."""
+
+
+@dataclass(frozen=True)
+class WorldObject:
+    """Something with a label that a detector may find, such as a parked car."""
+
+    label: str
+    """The class that it belongs to: car, truck, bus, person, traffic light …"""
+    pieces: tuple[int, ...]
+    """Indices into :attr:`World.pieces`."""
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything around the vehicle, itself not included."""
+
+    name: str
+    pieces: tuple[Piece, ...]
+    surfaces: Mapping[str, Surface]
+    objects: tuple[WorldObject, ...] = ()
+    places: tuple[Place, ...] = (Place(0.0, 0.0),)
+    """Where the vehicle may stand, in the world's own axes; the first is the usual one."""
+    ground: bool = False
+    """Whether endless flat ground lies under it at z = 0; else its own pieces are the ground."""
+    source: Mapping[str, str] = field(default_factory=dict)
+    """Files that it was made of → SHA-256, for manifests and the keys of kept pictures."""
+
+    def around(self, place: Place) -> World:
+        """The world moved so that ``place`` is the origin and heads along +x."""
+        angle = math.radians(-place.heading)
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        foot = np.array([place.x, place.y, place.z])
+        moved = tuple(
+            replace(
+                piece, vertices=(piece.vertices - foot) @ turn.T, normals=piece.normals @ turn.T
+            )
+            for piece in self.pieces
+        )
+        places = tuple(
+            Place(
+                *((np.array([p.x, p.y, p.z]) - foot) @ turn.T).tolist(), p.heading - place.heading
+            )
+            for p in self.places
+        )
+        return replace(self, pieces=moved, places=tuple(places))
