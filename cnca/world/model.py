@@ -94,10 +94,8 @@ class World:
             )
             for piece in self.pieces
         )
-        places = tuple(
-            Place(
-                *((np.array([p.x, p.y, p.z]) - foot) @ turn.T).tolist(), p.heading - place.heading
-            )
-            for p in self.places
-        )
+        places = []
+        for other in self.places:
+            x, y, z = (turn @ (np.array([other.x, other.y, other.z]) - foot)).tolist()
+            places.append(Place(x, y, z, other.heading - place.heading))
         return replace(self, pieces=moved, places=tuple(places))
