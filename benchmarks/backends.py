@@ -24,7 +24,7 @@ from tables import markdown, put
 from torch import Tensor
 
 from cnca import build
-from cnca.attack.loss import detection_loss
+from cnca.attack.objectives import paper
 from cnca.core.color import linear_to_srgb
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.gen import textures
@@ -160,7 +160,7 @@ class Bench:
         """What the attack's loss sends back into the reference pictures."""
         images = images.clone().requires_grad_()
         candidates = self.detector.candidates(linear_to_srgb(images))
-        detection_loss(candidates, self.boxes, self.label, full_overlap=0.5)[0].backward()
+        paper.Loss(full_overlap=0.5)(candidates, self.boxes, self.label).mean().backward()
         assert images.grad is not None
         return images.grad
 

@@ -25,6 +25,7 @@ from texels import BOUND, SIZE, Texels
 
 from cnca import build
 from cnca.attack.loop import Attack, Progress, Settings, optimize, start
+from cnca.attack.objectives import paper
 from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import read_json, write_json
 from cnca.core.types import SrgbTexture
@@ -38,6 +39,7 @@ from cnca.scene.schema import load_scene
 
 SIDE, VIEWS_HELD_OUT = 24, 24
 """Texels a side, and views that judge."""
+OBJECTIVE = paper.Loss(full_overlap=0.5)
 ENDLESS = 10**6
 """Steps: the time is up before."""
 
@@ -64,7 +66,9 @@ class Contest:
         """The texture that one backend finds, and in how many steps."""
         deadline, parts = time.process_time() + self.seconds, (self.scene, self.vehicle, self.paint)
         loop = build.build_loop_renderer(*parts, backend=row.backend, samples=row.samples)
-        attack = Attack(self.scene, loop, self.paint, Texels(SIDE), self.targets, residual=residual)
+        attack = Attack(
+            self.scene, loop, self.paint, Texels(SIDE), self.targets, OBJECTIVE, residual
+        )
         settings = Settings(
             "",
             tau=BOUND,
@@ -72,7 +76,6 @@ class Contest:
             views_per_step=2,
             view_pool=1,
             learning_rate=0.3,
-            full_overlap=0.5,
             start_spread=0.5,
         )
         progress = start(attack, settings)

@@ -30,7 +30,8 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 from torch import Tensor
 
 from cnca import build
-from cnca.attack.targets import look, objective
+from cnca.attack.objectives import paper
+from cnca.attack.targets import look, weighted_loss
 from cnca.core.color import linear_to_srgb
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.variant import dr
@@ -92,8 +93,8 @@ class Bench:
             ]
         images = torch.stack(parts).mean(dim=0).requires_grad_()
         targets, boxes = build.build_targets(["builtin"]), self.renderer.vehicle_boxes(self.views)
-        seen = look(targets, linear_to_srgb(images), boxes, full_overlap=1.0)
-        objective(targets, seen).backward()
+        seen = look(paper.Loss(), targets, linear_to_srgb(images), boxes)
+        weighted_loss(targets, seen).backward()
         assert images.grad is not None
         return images.grad
 

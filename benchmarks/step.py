@@ -31,7 +31,7 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 from cnca import build
 from cnca.attack import checkpoint
 from cnca.attack.loop import WEATHERS, Attack, Progress, Settings, optimize, start
-from cnca.attack.targets import look, objective
+from cnca.attack.targets import look, weighted_loss
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
 from cnca.mi_bridge.variant import dr
@@ -125,9 +125,9 @@ def growth(attack: Attack, steps: int) -> dict[str, float]:
     held = {}
     for step in range(1, steps + 1):
         images = attack.renderer.render(texture, views, weather, seed=step)
-        seen = look(attack.targets, linear_to_srgb(images), boxes, full_overlap=1.0)
+        seen = look(attack.objective, attack.targets, linear_to_srgb(images), boxes)
         optimizer.zero_grad()
-        objective(attack.targets, seen).backward()
+        weighted_loss(attack.targets, seen).backward()
         optimizer.step()
         with torch.no_grad():
             texture.clamp_(0, 1)

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from cnca import build
 from cnca.attack.loop import Attack, Progress, Settings, optimize, start
+from cnca.attack.objectives import paper
 from cnca.core.images import write_texture_srgb
 from cnca.core.types import SrgbTexture
 from cnca.jobs.attack.run import held_out_shots
@@ -70,13 +71,12 @@ def main() -> None:
     vehicle, targets = build.build_vehicle(scene), build.build_targets([options.detector])
     paint = build.build_paint(scene, vehicle)
     loop = build.build_loop_renderer(scene, vehicle, paint, backend="mitsuba", samples=16)
-    attack = Attack(scene, loop, paint, Texels(options.side), targets)
+    attack = Attack(scene, loop, paint, Texels(options.side), targets, paper.Loss(full_overlap=0.5))
     settings = Settings(
         prompt="",
         tau=BOUND,
         steps=options.steps,
         learning_rate=options.learning_rate,
-        full_overlap=0.5,
         start_spread=0.5,
     )
 

@@ -13,8 +13,16 @@ import torch
 
 from cnca.attack.targets import Target, parse_targets
 from cnca.core.color import srgb_to_linear
-from cnca.core.errors import CncaError, MeshError, SceneError, TextureError, did_you_mean
+from cnca.core.errors import (
+    CncaError,
+    GeneratorError,
+    MeshError,
+    SceneError,
+    TextureError,
+    did_you_mean,
+)
 from cnca.core.images import read_mask, read_texture_srgb
+from cnca.core.plugins import is_plugin, load_plugin, plugin_file
 from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files, load_detector
 from cnca.detect.classes import CAR, vehicle_labels
@@ -95,7 +103,8 @@ def build_renderer(
 
     Raises CncaError for an unknown name.
     """
-    parse_backend(backend)
+    if not is_own_backend(backend):
+        parse_backend(backend)
     from cnca.mi_bridge.renderer import MitsubaRenderer
 
     ground = srgb_to_linear(torch.tensor(scene.ground.color))
@@ -125,13 +134,21 @@ def parse_backend(spec: str) -> tuple[str, int | None]:
     return name, int(refresh)
 
 
+def is_own_backend(spec: str) -> bool:
+    """Whether a backend is ``module:attribute``, and none of ours with something behind it."""
+    return is_plugin(spec) and spec.partition(":")[0] not in BACKENDS
+
+
 def build_loop_renderer(
     scene: Scene, vehicle: Vehicle, paint: Paint, *, backend: str, samples: int
 ) -> LoopRenderer:
     """The renderer of an optimization: it comes back to its views, so much of them is kept.
 
-    ``backend`` is read by :func:`parse_backend`; ``samples`` are rays per pixel.
+    ``backend`` is read by :func:`parse_backend`; one of a user's own, ``module:attribute``, is
+    called with scene, vehicle, paint and ``samples``, the rays per pixel.
     """
+    if is_own_backend(backend):
+        return load_plugin(backend, LoopRenderer, scene, vehicle, paint, samples=samples)
     from cnca.mi_bridge.backgrounds import KeptBackgrounds
     from cnca.mi_bridge.lookups import LookupRenderer
     from cnca.mi_bridge.raster import PlainShading
@@ -210,8 +227,11 @@ def build_generator(
     """The diffusion pipeline in a folder in diffusers format; None is the shipped one.
 
     ``mixed_precision`` lets the U-Net multiply in bfloat16; ``options`` are those of
-    :class:`cnca.gen.sampling.DiffusionTextureGenerator`.
+    :class:`cnca.gen.sampling.DiffusionTextureGenerator`.  A generator of a user's own,
+    ``module:attribute``, has its own options and is given none.
     """
+    if path is not None and is_plugin(str(path)):
+        return load_plugin(str(path), TextureGenerator, error=GeneratorError)
     from cnca.gen.sampling import DiffusionTextureGenerator
 
     half = torch.bfloat16 if mixed_precision else None
@@ -265,12 +285,17 @@ def input_files(
     detectors: Iterable[str],
     generator: Path | None,
     efr: Path | None = None,
+    parts: Iterable[str] = (),
 ) -> list[Path]:
-    """Every file that a run reads, for its manifest."""
-    shared = Path(generator or SHIPPED_GENERATOR)
+    """Every file that a run reads, for its manifest.
+
+    ``parts`` are names of further parts, of which those of a user's own lie in files.
+    """
     files = [file for name in detectors for file in detector_files(name)]
     files += [efr_file(efr)] if efr else []
-    return [*scene_files(scene, scene_file), shared, *files]
+    shared = [] if generator and is_plugin(str(generator)) else [generator or SHIPPED_GENERATOR]
+    own = [plugin_file(part) for part in (*parts, str(generator)) if is_plugin(part)]
+    return [*scene_files(scene, scene_file), *shared, *files, *(file for file in own if file)]
 
 
 def scene_files(scene: Scene, scene_file: Path) -> list[Path]:

@@ -42,7 +42,7 @@ def test_every_block_runs_and_the_first_is_the_command(small, tmp_path, monkeypa
     # Its detector likes red and dislikes green, always: F_adv ends at its bound, ±τ = ±1.
     assert page["feature"][0, [0, 3]].eq(-1).all()
     assert page["feature"][0, [1, 4]].eq(1).all()
-    assert len(scores[6]) == 4
+    assert len(scores[7]) == 4
 
     request = run.Request(small, ("builtin",), tmp_path / "run", settings, held_out_views=1)
     run.run(request, Console(quiet=True))

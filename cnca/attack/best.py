@@ -70,7 +70,6 @@ class Validation:
             views = self.views[k * VIEWS : (k + 1) * VIEWS]
             images = attack.render(albedo, views, self.weathers[k], self.seed)
             boxes = attack.renderer.vehicle_boxes(views)
-            pictures = linear_to_srgb(images)
-            seen += look(attack.targets, pictures, boxes, full_overlap=settings.full_overlap)
+            seen += look(attack.objective, attack.targets, linear_to_srgb(images), boxes)
         parallel.add_up(seen)
         return numbers(attack.targets, seen / WEATHERS)

@@ -6,7 +6,7 @@ in the code            in the paper
 ``text_feature``       F_txt (equation 7)
 ``feature``            F_adv; its bound τ is ``Settings.tau``
 ``texture``            T_adv = T2I([κ(F_adv), F_txt]) (equation 8)
-``detection_loss``     D_s and L_adv (equation 11)
+``attack.objective``   L_adv of D_s (equation 11), or another
 ``optimizer.step``     the update of F_adv (equation 12; Adam, section 4.1)
 ``project``            κ (equation 13)
 =====================  =========================================================
@@ -25,7 +25,13 @@ from torch import Tensor
 
 from cnca.attack.best import Best, Validation
 from cnca.attack.settings import WEATHERS, Attack, Settings
-from cnca.attack.targets import look, numbers, objective, refuse_black_boxes, refuse_non_finite
+from cnca.attack.targets import (
+    look,
+    numbers,
+    refuse_black_boxes,
+    refuse_non_finite,
+    weighted_loss,
+)
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import NonFiniteError, RunError
@@ -96,15 +102,13 @@ def optimize(
         with clock("render"):
             images = attack.render(albedo, views, weather, seed)
         with clock("detect"):
-            seen = look(
-                attack.targets, linear_to_srgb(images), boxes, full_overlap=settings.full_overlap
-            )
+            seen = look(attack.objective, attack.targets, linear_to_srgb(images), boxes)
         refuse_non_finite(attack.targets, seen, where=f"step {step} (seed {seed})")
 
         optimizer.zero_grad()
         with clock("backward"):
             seen = seen * len(views) / len(every)
-            objective(attack.targets, seen).backward()
+            weighted_loss(attack.targets, seen).backward()
             parallel.add_up(feature.grad, seen)
         if feature.grad is None or not torch.isfinite(feature.grad).all():
             raise NonFiniteError(

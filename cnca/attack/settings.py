@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
+from cnca.attack.objectives import paper
 from cnca.attack.targets import Target
 from cnca.core import parallel
 from cnca.core.errors import RunError, did_you_mean
@@ -16,7 +17,13 @@ from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
 from cnca.gen.feature import CONCAT, UPDATES, check_kind
 from cnca.scene.cameras import View
 from cnca.scene.paint import Paint
-from cnca.scene.protocols import LoopRenderer, Renderer, Residual, TextureGenerator
+from cnca.scene.protocols import (
+    LoopRenderer,
+    Objective,
+    Renderer,
+    Residual,
+    TextureGenerator,
+)
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Weather
 
@@ -41,8 +48,6 @@ class Settings:
     """Let the step size fall to 0 along half a cosine, so that F_adv comes to rest."""
     update: str = "adam"
     """How F_adv moves, a key of :data:`cnca.gen.feature.UPDATES`."""
-    full_overlap: float = 1.0
-    """IoU from which a box counts in full in D_s: 1 is equation 11, 0.5 is what AP@0.5 asks."""
     check_every: int = 0
     """Steps between checks on validation views, whose best F_adv is the result; 0 for none."""
     patience: int = 0
@@ -67,8 +72,6 @@ class Settings:
         if self.update not in UPDATES:
             hint = did_you_mean(self.update, UPDATES)
             raise RunError(f"update '{self.update}': there is {' and '.join(UPDATES)}{hint}")
-        if not 0 < self.full_overlap <= 1:
-            raise RunError(f"full_overlap is {self.full_overlap}: an IoU lies in (0, 1]")
 
     @property
     def pool_size(self) -> int:
@@ -95,6 +98,8 @@ class Attack:
     generator: TextureGenerator
     targets: Sequence[Target]
     """The detectors to fool, one or more."""
+    objective: Objective = field(default_factory=paper.Loss)
+    """What is lowered of what they see."""
     residual: Residual | None = None
 
     def texture(

@@ -11,10 +11,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.attack.loss import detection_loss
+from cnca.attack.detection_scores import best_scores
 from cnca.core.errors import DetectorError, NonFiniteError, RunError
 from cnca.core.types import Boxes, SrgbImages
-from cnca.scene.protocols import Detector
+from cnca.scene.protocols import Detector, Objective
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Target:
 
 
 Seen = Float[Tensor, "2 targets"]
-"""Of each target, over some pictures: mean L_adv, and mean of max D_s in [0, 1]."""
+"""Of each target, over some pictures: mean of the objective, and of max D_s in [0, 1]."""
 
 
 def refuse_black_boxes(targets: Sequence[Target]) -> None:
@@ -43,15 +43,14 @@ def refuse_black_boxes(targets: Sequence[Target]) -> None:
             )
 
 
-def look(
-    targets: Sequence[Target], images: SrgbImages, boxes: Boxes, *, full_overlap: float
-) -> Seen:
-    """Show the pictures to every target; differentiable (see :mod:`cnca.attack.loss`)."""
+def look(objective: Objective, targets: Sequence[Target], images: SrgbImages, boxes: Boxes) -> Seen:
+    """Show the pictures to every target; differentiable.  ``boxes``: where the vehicle is."""
     columns = []
     for target in targets:
         candidates = target.detector.candidates(images)
-        loss, scores = detection_loss(candidates, boxes, target.label, full_overlap=full_overlap)
-        columns.append(torch.stack([loss, scores.mean()]))
+        losses = objective(candidates, boxes, target.label)
+        scores = best_scores(candidates, boxes, target.label)
+        columns.append(torch.stack([losses.mean(), scores.mean()]))
     return torch.stack(columns, dim=1)
 
 
@@ -65,16 +64,16 @@ def refuse_non_finite(targets: Sequence[Target], seen: Seen, where: str) -> None
         )
 
 
-def objective(targets: Sequence[Target], seen: Seen) -> Float[Tensor, ""]:
-    """Σ weight · L_adv."""
+def weighted_loss(targets: Sequence[Target], seen: Seen) -> Float[Tensor, ""]:
+    """Σ weight · loss."""
     return seen[0] @ seen.new_tensor([target.weight for target in targets])
 
 
 def numbers(targets: Sequence[Target], seen: Seen) -> dict[str, Any]:
-    """The objective as ``loss_adv``, ``D_s`` averaged by weight, and both of each by its name."""
+    """The summed loss as ``loss_adv``, ``D_s`` averaged by weight, and both of each by its name."""
     weights = seen.new_tensor([target.weight for target in targets])
     return {
-        "loss_adv": objective(targets, seen).item(),
+        "loss_adv": weighted_loss(targets, seen).item(),
         "D_s": (seen[1] @ weights / weights.sum()).item(),
         "targets": {
             target.name: {"loss_adv": loss, "D_s": score}

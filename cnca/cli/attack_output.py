@@ -94,13 +94,14 @@ def _print_table(out: Path, name: str) -> None:
 def demo(out: Path, steps: int) -> None:
     """The main job on the shipped sedan, generator and detector."""
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
-    settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05, full_overlap=0.5)
+    settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05)
     attack(
         Request(
             DEMO_SCENE,
             ("builtin",),
             out,
             settings,
+            full_overlap=0.5,
             gradient_steps=10,
             gradient_checkpointing=False,
             resume=resume,

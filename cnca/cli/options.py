@@ -74,15 +74,21 @@ class AttackOptions:
             "ends so with =1.",
         ),
     ] = None
-    backend: Annotated[str, typer.Option(help="Renderer: mitsuba, cached or raster.")] = "mitsuba"
+    backend: Annotated[
+        str, typer.Option(help="Renderer: mitsuba, cached, raster or module:name.")
+    ] = "mitsuba"
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100
     views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 8
     learning_rate: Annotated[float, typer.Option(help="Step size.")] = 0.01
     decay: Annotated[bool, typer.Option("--decay", help="Let it fall to 0 along a cosine.")] = False
     update: Annotated[str, typer.Option(help="adam, or sign for signed steps.")] = "adam"
+    objective: Annotated[
+        str, typer.Option(help="What is lowered: paper (equation 11), logit, odds or module:name.")
+    ] = "paper"
     full_overlap: Annotated[
-        float, typer.Option(help="IoU from which a box counts in full; 1 is the paper's loss.")
-    ] = 1.0
+        float | None,
+        typer.Option(help="IoU from which a box counts in full, instead of the objective's own."),
+    ] = None
     generator: Generator = None
     efr: Annotated[
         Path | None,
@@ -131,7 +137,6 @@ class AttackOptions:
             learning_rate=self.learning_rate,
             decay=self.decay,
             update=self.update,
-            full_overlap=self.full_overlap,
             check_every=self.check_every,
             patience=self.patience,
             seed=self.seed,
@@ -143,6 +148,8 @@ class AttackOptions:
             self.out,
             settings,
             backend=self.backend,
+            objective=self.objective,
+            full_overlap=self.full_overlap,
             generator=self.generator,
             efr=self.efr,
             samples=self.spp,

@@ -1,4 +1,4 @@
-"""The four exchangeable parts.  The loops know these and never a concrete backend."""
+"""The exchangeable parts.  The loops know these and never a concrete backend."""
 
 from __future__ import annotations
 
@@ -80,6 +80,20 @@ class Residual(Protocol):
 
     def __call__(self, images: LinearImages, references: Sequence[PlainPictures]) -> LinearImages:
         """Return corrected images of the same shape, each by its own reference."""
+
+
+@runtime_checkable
+class Objective(Protocol):
+    """What an attack lowers: a loss of each picture, from all that a detector considers in it."""
+
+    def __call__(
+        self, candidates: Candidates, vehicle_boxes: Boxes, label: int
+    ) -> Float[Tensor, " batch"]:
+        """Return the loss of each picture, differentiable in the candidates; any finite number.
+
+        ``vehicle_boxes`` (gt) is where the vehicle is, (batch, 4), xyxy in pixels; ``label`` the
+        column of the class scores that it belongs to.
+        """
 
 
 @runtime_checkable

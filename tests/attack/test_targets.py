@@ -5,8 +5,15 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from cnca.attack.loss import detection_loss
-from cnca.attack.targets import Target, look, numbers, objective, parse_targets, refuse_black_boxes
+from cnca.attack.objectives import paper
+from cnca.attack.targets import (
+    Target,
+    look,
+    numbers,
+    parse_targets,
+    refuse_black_boxes,
+    weighted_loss,
+)
 from cnca.core.errors import DetectorError, RunError
 from cnca.core.types import Candidates
 from tests.fakes import BOX, BrightnessDetector
@@ -61,11 +68,8 @@ def test_losses_and_gradients_are_summed_by_weight():
     images.requires_grad_()
     boxes = BOX.expand(2, 4)
     ensemble = [Target("a", Power(), 0, 1.0), Target("b", Power(exponent=2), 0, 3.0)]
-    seen = look(ensemble, images, boxes, full_overlap=1.0)
-    losses = [
-        detection_loss(t.detector.candidates(images), boxes, 0, full_overlap=1.0)[0]
-        for t in ensemble
-    ]
+    seen = look(paper.Loss(), ensemble, images, boxes)
+    losses = [paper.Loss()(t.detector.candidates(images), boxes, 0).mean() for t in ensemble]
     found = numbers(ensemble, seen)
     a, b = found["targets"]["a"], found["targets"]["b"]
     assert found["loss_adv"] == pytest.approx((losses[0] + 3 * losses[1]).item())
@@ -73,7 +77,7 @@ def test_losses_and_gradients_are_summed_by_weight():
     assert a["D_s"] == pytest.approx(0.55)
     assert b["D_s"] == pytest.approx((0.5**2 + 0.6**2) / 2)
     assert found["D_s"] == pytest.approx((0.55 + 3 * b["D_s"]) / 4)
-    whole = objective(ensemble, seen)
+    whole = weighted_loss(ensemble, seen)
     (gradient,) = torch.autograd.grad(whole, images, retain_graph=True)
     singly = [torch.autograd.grad(loss, images)[0] for loss in losses]
     assert torch.allclose(gradient, singly[0] + 3 * singly[1])

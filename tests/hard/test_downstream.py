@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.attack.loss import detection_loss
+from cnca.attack.detection_scores import best_scores
+from cnca.attack.objectives import logit, odds, paper
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import SceneError
 from cnca.core.types import Candidates, Detections
@@ -31,9 +32,9 @@ def detector() -> Detector:
 def test_a_picture_without_contrast_goes_through_detector_and_loss(detector, radiance):
     """Nothing is found in it, the loss is that of no vehicle, and the gradient is finite."""
     image = torch.full((1, 3, 24, 24), radiance, requires_grad=True)
-    loss, scores = detection_loss(detector.candidates(linear_to_srgb(image)), BOX[None], 0)
+    seen = detector.candidates(linear_to_srgb(image))
+    loss, score = paper.Loss()(seen, BOX[None], 0), float(best_scores(seen, BOX[None], 0).detach())
     loss.backward()
-    score = float(scores.detach())
     assert 0 <= score < 0.5
     assert float(loss.detach()) == pytest.approx(-math.log(1 - score), rel=1e-4)
     assert torch.isfinite(image.grad).all()
@@ -80,20 +81,22 @@ def candidates(score: float, count: int = 1) -> Candidates:
 def test_a_score_of_exactly_one_costs_a_finite_loss_with_a_slope():
     """L = −log(1 − D (1 − ε)) at D = 1: −log ε, slope (1 − ε)/ε."""
     certain = candidates(1.0)
-    loss, scores = detection_loss(certain, BOX[None], 0)
+    loss = paper.Loss()(certain, BOX[None], 0)
     loss.backward()
-    assert (scores == 1).all()
+    assert (best_scores(certain, BOX[None], 0) == 1).all()
     assert float(loss.detach()) == pytest.approx(-math.log(EPSILON), rel=1e-6)
     assert float(certain.objectness.grad) == pytest.approx((1 - EPSILON) / EPSILON, rel=1e-6)
 
 
 def test_no_detection_scores_and_costs_nothing():
     nothing = candidates(0.0, count=0)
-    loss, scores = detection_loss(nothing, BOX[None], 0)
+    loss = paper.Loss()(nothing, BOX[None], 0)
     loss.backward()
     none = Detections(torch.zeros(0, 4), torch.zeros(0), torch.zeros(0, dtype=torch.long))
     assert loss == 0
-    assert (scores == 0).all()
+    assert (best_scores(nothing, BOX[None], 0) == 0).all()
+    assert logit.Loss()(nothing, BOX[None], 0).isfinite().all()
+    assert odds.Loss()(nothing, BOX[None], 0) == 0
     assert detection_score(none, BOX, 0) == 0
 
 

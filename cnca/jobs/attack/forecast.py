@@ -120,7 +120,8 @@ def _growth(attack: Attack, settings: Settings) -> int:
     from cnca.mi_bridge.backgrounds import KeptBackgrounds
     from cnca.mi_bridge.lookups import LookupRenderer
 
-    assert isinstance(attack.renderer, KeptBackgrounds | LookupRenderer)
+    if not isinstance(attack.renderer, KeptBackgrounds | LookupRenderer):
+        return 0
     met = 3 * settings.views_per_step
     coming = min(settings.pool_size, settings.steps * settings.views_per_step) - met
     return max(coming, 0) * round(attack.renderer.megabytes * 1e6 / met)

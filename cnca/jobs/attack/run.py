@@ -20,6 +20,7 @@ from rich.console import Console
 from cnca import build
 from cnca.attack import checkpoint
 from cnca.attack.loop import Progress, optimize, start
+from cnca.attack.objectives import load_objective
 from cnca.attack.settings import Attack, Settings
 from cnca.attack.targets import Target, parse_targets, refuse_black_boxes
 from cnca.core import parallel
@@ -54,7 +55,13 @@ class Request:
     out: Path
     settings: Settings
     backend: str = "mitsuba"
+    """A name, or ``module:attribute``; see :func:`cnca.build.build_loop_renderer`."""
+    objective: str = "paper"
+    """What is lowered: a name, or ``module:attribute``; see :mod:`cnca.attack.objectives`."""
+    full_overlap: float | None = None
+    """IoU from which a box counts in full; None takes the objective's own."""
     generator: Path | None = None
+    """A folder in diffusers format, or ``module:attribute``; None is the shipped one."""
     efr: Path | None = None
     samples: int = 16
     """Rays per pixel in the loop; the verdict takes the scene's own number."""
@@ -115,6 +122,7 @@ def assemble(request: Request, scene: Scene) -> Attack:
         paint=paint,
         generator=build_generator(request),
         targets=targets,
+        objective=load_objective(request.objective, full_overlap=request.full_overlap),
         residual=build.build_residual(request.efr),
     )
 
@@ -146,7 +154,10 @@ def _claim(request: Request, scene: Scene) -> None:
             raise RunError(f"{request.out}: was started with another {', '.join(differing)}")
     else:
         names = parse_targets(request.detectors)
-        inputs = build.input_files(scene, request.scene, names, request.generator, request.efr)
+        parts = request.backend, request.objective
+        inputs = build.input_files(
+            scene, request.scene, names, request.generator, request.efr, parts
+        )
         content = {"request": request.as_dict(), "versions": versions(), "inputs": hashes(inputs)}
         write_json(manifest, content)
     remove_unfinished(request.out)
