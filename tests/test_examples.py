@@ -64,6 +64,7 @@ def test_what_the_package_gives_is_what_type_checkers_are_told():
         for alias in node.names
     }
     given = {(f"cnca.{m}", name) for m, names in cnca.PLACES.items() for name in names.split()}
+    told.remove(("cnca.core.version", "__version__"))
     assert told - {("cnca", "evaluate"), ("cnca", "optimize")} == given
     for _, name in told:
         assert getattr(cnca, name) is not None

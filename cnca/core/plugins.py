@@ -13,11 +13,9 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 from cnca.core.errors import CncaError, did_you_mean
-
-Part = TypeVar("Part")
 
 _SPEC = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 
@@ -29,11 +27,11 @@ def is_plugin(spec: str) -> bool:
 
 def load_plugin(
     spec: str,
-    protocol: type[Part],
+    protocol: type[Any],
     *arguments: Any,
     error: type[CncaError] = CncaError,
     **options: Any,
-) -> Part:
+) -> Any:
     """Return the part that ``spec`` names; a class or function is called with the arguments.
 
     Raises ``error``, in one line, where the module or the attribute is missing, or where what comes
@@ -82,7 +80,7 @@ def _current_folder() -> Iterator[None]:
         sys.path.remove("")
 
 
-def _members(protocol: type) -> list[str]:
+def _members(protocol: type[Any]) -> list[str]:
     """The names that a protocol asks for, inherited ones included."""
     names: dict[str, None] = {}
     for base in protocol.__mro__:
@@ -93,18 +91,18 @@ def _members(protocol: type) -> list[str]:
     return list(names)
 
 
-def _missing(target: object, protocol: type) -> list[str]:
+def _missing(target: object, protocol: type[Any]) -> list[str]:
     return [name for name in _members(protocol) if not hasattr(target, name)]
 
 
-def _has_all(target: object, protocol: type) -> bool:
+def _has_all(target: object, protocol: type[Any]) -> bool:
     return not isinstance(target, type) and not _missing(target, protocol)
 
 
-def _lacks(target: object, protocol: type) -> str:
+def _lacks(target: object, protocol: type[Any]) -> str:
     missing = ", ".join(_missing(target, protocol))
     return f"is no {protocol.__name__}: it lacks {missing}; see cnca.{_home(protocol)}"
 
 
-def _home(protocol: type) -> str:
+def _home(protocol: type[Any]) -> str:
     return f"{protocol.__module__.removeprefix('cnca.')}.{protocol.__name__}"
