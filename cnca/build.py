@@ -36,6 +36,8 @@ from cnca.scene.schema import CarlaCamera, Scene
 from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.masks import pad_mask, paint_mask
+from cnca.world.model import World
+from cnca.world.resolve import resolve_world
 
 BACKENDS = ("mitsuba", "raster", "cached")
 CACHE_FACTOR = 4
@@ -66,6 +68,14 @@ def build_vehicle(scene: Scene) -> Vehicle:
         paint=replace(vehicle.paint, **section.finish.model_dump()),
         glass=replace(vehicle.glass, transmission=section.glass_transmission),
     )
+
+
+def build_world(scene: Scene) -> World | None:
+    """What stands around the scene's vehicle, moved so that it stands in the origin."""
+    if scene.world is None:
+        return None
+    world = resolve_world(scene.world, scene.base)
+    return world.around(world.places[0])
 
 
 def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
@@ -115,6 +125,7 @@ def build_renderer(
         samples=samples or scene.image.samples,
         exposure=scene.image.exposure,
         demand=demand,
+        world=build_world(scene),
     )
 
 
@@ -302,5 +313,9 @@ def scene_files(scene: Scene, scene_file: Path) -> list[Path]:
     """The scene file and the mesh and pictures that it names."""
     section = scene.vehicle
     named = [section.paint_mask, section.base_texture]
-    named += [] if section.mesh.startswith("builtin:") else [section.mesh]
+    named += [file for file in _drawn_files(scene) if not file.startswith("builtin:")]
     return [shipped.scene_file(scene_file), *(scene.base / name for name in named if name)]
+
+
+def _drawn_files(scene: Scene) -> list[str]:
+    return [scene.vehicle.mesh] + ([scene.world.file] if scene.world else [])

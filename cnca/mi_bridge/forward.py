@@ -36,8 +36,7 @@ class ForwardShare:
     """f and Φ of one vehicle and one phase function, as tables that kernels read."""
 
     def __init__(self, geometry: Geometry, asymmetry: float):
-        self.ground = mi.ShapePtr(geometry.ground)
-        dr.make_opaque(self.ground)
+        self.geometry = geometry
         self.top = float(geometry.vehicle_bounds[1][2])  # of the vehicle, in metres
         share = measure_share(geometry, asymmetry)
         table = np.stack([share, integrated(share)], axis=-1)

@@ -1,7 +1,8 @@
-"""Vehicle and ground as a Mitsuba scene."""
+"""Vehicle, ground and the world around them as a Mitsuba scene."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,11 @@ from jaxtyping import Float
 
 from cnca.core.errors import TextureError
 from cnca.mi_bridge.variant import dr, mi
+from cnca.mi_bridge.world_shapes import holed_surfaces, make_mesh, world_shapes
 from cnca.scene.cameras import View
 from cnca.scene.materials import Material
 from cnca.vehicle.model import Part, Vehicle
+from cnca.world.model import World
 
 GROUND_RADIUS = 2000.0
 """Metres; beyond it the sky map's lower half goes on with the same colour."""
@@ -21,9 +24,12 @@ ALBEDO_FLOOR = 1e-3
 SPECULAR_SAMPLING_RATE = 0.35
 """Share of samples for a gloss lobe, relative to the diffuse lobe."""
 
+WORLD, HOLED, VEHICLE, PROP = range(4)
+"""To what a surface belongs: the ground to the world, of which some lets light pass."""
+
 
 class Geometry:
-    """The Mitsuba scene of one vehicle and its props on flat ground, without any emitter."""
+    """The Mitsuba scene of one vehicle and its props in a world, without any emitter."""
 
     def __init__(
         self,
@@ -33,6 +39,7 @@ class Geometry:
         props: tuple[Part, ...] = (),
         materials: str = "coat",
         glass: str = "pane",
+        world: World | None = None,
     ):
         """
         Args:
@@ -41,6 +48,7 @@ class Geometry:
             props: other things that stand around; painted ones wear the vehicle's texture.
             materials: model of :data:`cnca.effects.plan.LADDERS` for every part.
             glass: likewise; "pane" makes thin panes of what lets light through.
+            world: what stands around the vehicle's middle; by default flat, endless ground.
 
         Raises:
             TextureError: no part of the vehicle is painted, or a painted part has no UVs.
@@ -61,18 +69,28 @@ class Geometry:
         if self.has_panes:
             bsdfs |= {name: _pane(vehicle.material(name)) for name in panes}
         self._origin = _middle(vehicle)
-        meshes = [_mesh(part, bsdfs[part.material], self._origin) for part in parts]
-        ground = {
-            "type": "disk",
-            "to_world": mi.ScalarTransform4f().scale([GROUND_RADIUS, GROUND_RADIUS, 1]),
-            "bsdf": {
-                "type": "diffuse",
-                "reflectance": {"type": "rgb", "value": [float(c) for c in ground_albedo]},
-            },
-        }
+        meshes = [
+            make_mesh(
+                part.name,
+                bsdfs[part.material],
+                part.vertices - self._origin,
+                part.faces,
+                part.normals,
+                part.uvs,
+            )
+            for part in parts
+        ]
         shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
-        self.ground = mi.load_dict(ground)
-        self.scene = mi.load_dict({"type": "scene", "ground": self.ground, **shapes})
+        if world is None or world.ground:
+            shapes["ground"] = _ground(ground_albedo)
+        around = {} if world is None else world_shapes(world)
+        holed = [] if world is None else [around[n] for n in holed_surfaces(world)]
+        self.has_holes = bool(holed)
+        self.has_panes |= self.has_holes
+        self.scene = mi.load_dict({"type": "scene", **shapes, **around})
+        self.alone = mi.load_dict({"type": "scene", **shapes}) if around else self.scene
+        vehicle_shapes, props_shapes = meshes[: len(vehicle.parts)], meshes[len(vehicle.parts) :]
+        self._kinds = _kinds({VEHICLE: vehicle_shapes, PROP: props_shapes, HOLED: holed})
         self._bitmap, self._texture = texture, mi.traverse(texture)
         self._vehicle_shapes = meshes[: len(vehicle.parts)]
         self._paint = bsdfs["paint"]
@@ -112,14 +130,47 @@ class Geometry:
 
     def is_vehicle(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
         """Which intersections lie on the vehicle."""
-        found = mi.Bool(False)
-        for shape in self._vehicle_shapes:
-            found |= si.shape == mi.ShapePtr(shape)
-        return si.is_valid() & found
+        return self._kind(si) == VEHICLE
+
+    def is_surrounded(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
+        """Which intersections lie on the vehicle or on its props: not on the ground or world."""
+        return self._kind(si) >= VEHICLE
+
+    def is_holed(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
+        """Which intersections lie on surfaces of the world that have holes."""
+        return self._kind(si) == HOLED
+
+    def _kind(self, si: mi.SurfaceInteraction3f) -> mi.UInt32:
+        number = dr.reinterpret_array(mi.UInt32, si.shape)
+        known = si.is_valid() & (number < dr.width(self._kinds))
+        return dr.gather(mi.UInt32, self._kinds, number, known)
 
     def is_painted(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
         """Which intersections wear the texture."""
         return si.is_valid() & (si.bsdf() == mi.BSDFPtr(self._paint))
+
+
+def _ground(albedo: Float[np.ndarray, "3"]) -> mi.Shape:
+    reflectance = {"type": "rgb", "value": [float(c) for c in albedo]}
+    return mi.load_dict(
+        {
+            "type": "disk",
+            "to_world": mi.ScalarTransform4f().scale([GROUND_RADIUS, GROUND_RADIUS, 1]),
+            "bsdf": {"type": "diffuse", "reflectance": reflectance},
+        }
+    )
+
+
+def _kinds(shapes_of: Mapping[int, Sequence[mi.Shape]]) -> mi.UInt32:
+    """Mitsuba's number of a shape → what it belongs to."""
+    kinds = {
+        int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0]): kind
+        for kind, shapes in shapes_of.items()
+        for shape in shapes
+    }
+    table = np.full(max(kinds, default=0) + 1, WORLD, np.uint32)
+    table[list(kinds)] = list(kinds.values())
+    return mi.UInt32(table)
 
 
 def _bsdf(material: Material, texture: mi.Texture | None, model: str) -> mi.BSDF:
@@ -167,29 +218,3 @@ def _middle(vehicle: Vehicle) -> Float[np.ndarray, "3"]:
         return np.zeros(3)
     vertices = np.concatenate([part.vertices for part in vehicle.parts])[:, :2]
     return np.array([*(vertices.min(axis=0) + vertices.max(axis=0)) / 2, 0.0])
-
-
-def _mesh(part: Part, bsdf: mi.BSDF, origin: Float[np.ndarray, "3"]) -> mi.Mesh:
-    properties = mi.Properties()
-    properties["bsdf"] = bsdf
-    mesh = mi.Mesh(
-        part.name,
-        vertex_count=len(part.vertices),
-        face_count=len(part.faces),
-        has_vertex_normals=True,
-        has_vertex_texcoords=part.uvs is not None,
-        props=properties,
-    )
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = _flat(part.vertices - origin)
-    parameters["vertex_normals"] = _flat(part.normals)
-    parameters["faces"] = mi.UInt32(np.ascontiguousarray(part.faces, dtype=np.uint32).ravel())
-    if part.uvs is not None:
-        # Mitsuba's v runs down the picture, ours up.
-        parameters["vertex_texcoords"] = _flat(part.uvs * [1, -1] + [0, 1])
-    parameters.update()
-    return mesh
-
-
-def _flat(values: np.ndarray) -> mi.Float:
-    return mi.Float(np.ascontiguousarray(values, dtype=np.float32).ravel())

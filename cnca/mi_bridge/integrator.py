@@ -135,7 +135,7 @@ class FogLayer:
         J, bare = self._source_function(z, ray.d, lit)
         if self.forward is None:
             return 1 - opacity, dr.select(lit, opacity * J, 0)
-        ahead = lit & si.is_valid() & (si.shape != self.forward.ground)
+        ahead = lit & self.forward.geometry.is_surrounded(si)
         u = dr.select(ahead, si.t - start, 0)  # distance from the surface at which fog begins
         f, Φ = self.forward(u - s, ahead)
         Φ_start = self.forward(u, ahead)[1]

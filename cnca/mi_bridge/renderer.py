@@ -27,6 +27,7 @@ from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Part, Vehicle
+from cnca.world.model import World
 
 WEATHERS_KEPT = 64
 """Weathers whose sky and fog stay in memory (about 3 MB each)."""
@@ -58,6 +59,7 @@ class MitsubaRenderer:
         exposure: float = 1.0,
         props: tuple[Part, ...] = (),
         demand: Demand | None = None,
+        world: World | None = None,
     ):
         """
         Args:
@@ -68,6 +70,7 @@ class MitsubaRenderer:
             exposure: factor on the metered exposure.
             props: other things that stand around; painted ones wear the vehicle's texture.
             demand: which effects to render how; by default the usual ones.
+            world: what stands around the vehicle, which faces +x in its origin.
         """
         self.vehicle = vehicle
         self.ground_albedo = np.asarray(ground_albedo, dtype=np.float64)
@@ -82,7 +85,7 @@ class MitsubaRenderer:
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
         self.texture_size = texture_size
         texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
-        self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props)
+        self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props, world=world)
         # What is most likely asked for, since kernels go on holding code of what was built before.
         best = {"materials": "coat" if self._coat else "principled"}
         best |= {"glass": "pane" if self._glass else "dark"} | dict(self.demand.forced)
@@ -174,6 +177,16 @@ class MitsubaRenderer:
     def vehicle_mask(self, views: Sequence[View]) -> Float[np.ndarray, "views height width"]:
         """Share of each pixel that the vehicle covers, in [0, 1]."""
         return vehicle_mask(self.geometry, self._cameras(views))
+
+    def visible_shares(self, views: Sequence[View]) -> list[float]:
+        """Share of the vehicle in each picture that nothing of the world hides, in [0, 1].
+
+        0 where the vehicle is not in the picture at all.
+        """
+        cameras = self._cameras(views)
+        seen = vehicle_mask(self.geometry, cameras).sum(axis=(1, 2))
+        whole = vehicle_mask(self.geometry, cameras, alone=True).sum(axis=(1, 2))
+        return (seen / np.maximum(whole, 1e-9)).clip(0, 1).tolist()
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4) of all pixels that the vehicle touches, xyxy.

@@ -10,7 +10,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from cnca.core.errors import SceneError, did_you_mean
 from cnca.scene.materials import MATERIALS
@@ -86,6 +94,31 @@ class GroundSection(Section):
     """A flat, matt ground at z = 0."""
 
     color: Color = (0.42, 0.41, 0.40)
+
+
+class WorldSection(Section):
+    """What stands around the vehicle; ``world: FILE`` is short for ``world: {file: FILE}``."""
+
+    file: str
+    """``builtin:NAME`` or the path of an OBJ, PLY, glTF or GLB file."""
+    missing: str | None = None
+    """What to tell a user who does not have the file: what to put where."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Which of its many forms a built-in world takes."""
+    place: Annotated[int, Field(ge=0)] = 0
+    """Number of the place, of those that the world knows, where the vehicle stands."""
+    at: tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Coordinate] | None = None
+    """Where else it stands: metres in the world's axes, +z up; without a height, on the ground."""
+    heading: Annotated[float, Field(ge=-360, le=720)] | None = None
+    """Where the vehicle heads there: degrees counter-clockwise from the world's +x."""
+    up: Literal["x", "y", "z"] | None = None
+    """The file's upward axis; by default y for glTF, else z."""
+    scale: Positive = 1.0
+    """Metres per unit of the file."""
+
+
+def _as_section(world: Any) -> Any:
+    return {"file": world} if isinstance(world, str) else world
 
 
 class SunSection(Section):
@@ -168,6 +201,8 @@ class Scene(Section):
 
     vehicle: VehicleSection = VehicleSection()
     ground: GroundSection = GroundSection()
+    world: Annotated[WorldSection | None, BeforeValidator(_as_section)] = None
+    """Without it the vehicle stands alone on the ground."""
     sun: SunSection = SunSection()
     sky: SkySection = SkySection()
     fog: FogSection | None = None

@@ -1,0 +1,108 @@
+"""A world as Mitsuba's shapes: one mesh for each surface, so that few BSDFs are compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from cnca.core.color import srgb_to_linear
+from cnca.mi_bridge.variant import mi
+from cnca.world.model import Piece, Surface, World
+
+
+def world_shapes(world: World) -> dict[str, mi.Mesh]:
+    """Name of a surface → its mesh, with its own BSDF."""
+    by_surface: dict[str, list[Piece]] = {}
+    for piece in world.pieces:
+        if len(piece.faces):
+            by_surface.setdefault(piece.surface, []).append(piece)
+    return {
+        name: _merged(name, pieces, surface_bsdf(world.surfaces[name]))
+        for name, pieces in by_surface.items()
+    }
+
+
+def holed_surfaces(world: World) -> list[str]:
+    """Names of those that light passes, such as the leaves of a tree."""
+    used = {piece.surface for piece in world.pieces if len(piece.faces)}
+    return sorted(name for name in used if world.surfaces[name].opacity is not None)
+
+
+def surface_bsdf(surface: Surface) -> mi.BSDF:
+    """A principled BSDF with two sides: meshes of unknown origin have flipped faces."""
+    principled = {
+        "type": "principled",
+        "base_color": _color(surface),
+        "roughness": surface.roughness,
+        "specular": surface.specular,
+        "metallic": surface.metallic,
+    }
+    if surface.clearcoat > 0:
+        principled |= {"clearcoat": surface.clearcoat, "clearcoat_gloss": 1.0}
+    bsdf = {"type": "twosided", "bsdf": principled}
+    if surface.opacity is not None:
+        share = surface.opacity[..., None].astype(np.float32) / 255
+        bsdf = {"type": "mask", "opacity": _bitmap(share), "bsdf": bsdf}
+    return mi.load_dict(bsdf)
+
+
+def _color(surface: Surface) -> dict:
+    if surface.texture is None:
+        return {"type": "rgb", "value": [float(c) for c in surface.base_color]}
+    # Made linear here, so that the factor is applied in linear light.
+    linear = srgb_to_linear(torch.from_numpy(surface.texture.astype(np.float32) / 255)).numpy()
+    return _bitmap(linear * np.array(surface.base_color))
+
+
+def _bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict:
+    """A repeated picture of linear values; half precision is finer than the 8 bits of its file."""
+    values = np.ascontiguousarray(linear, dtype=np.float32)
+    return {"type": "bitmap", "data": mi.TensorXf(values), "raw": True, "format": "fp16"}
+
+
+def _merged(name: str, pieces: Sequence[Piece], bsdf: mi.BSDF) -> mi.Mesh:
+    starts = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
+    vertices = np.concatenate([piece.vertices for piece in pieces])
+    normals = np.concatenate([piece.normals for piece in pieces])
+    faces = np.concatenate([p.faces + s for p, s in zip(pieces, starts, strict=False)])
+    uvs = [piece.uvs if piece.uvs is not None else piece.vertices[:, :2] for piece in pieces]
+    textured = any(piece.uvs is not None for piece in pieces)
+    return make_mesh(
+        name, bsdf, vertices, faces, normals, np.concatenate(uvs) if textured else None
+    )
+
+
+def make_mesh(
+    name: str,
+    bsdf: mi.BSDF,
+    vertices: Float[np.ndarray, "vertices 3"],
+    faces: np.ndarray,
+    normals: Float[np.ndarray, "vertices 3"],
+    uvs: Float[np.ndarray, "vertices 2"] | None,
+) -> mi.Mesh:
+    """A triangle mesh from arrays; ``uvs`` have v upwards, Mitsuba's v runs down the picture."""
+    properties = mi.Properties()
+    properties["bsdf"] = bsdf
+    mesh = mi.Mesh(
+        name,
+        vertex_count=len(vertices),
+        face_count=len(faces),
+        has_vertex_normals=True,
+        has_vertex_texcoords=uvs is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = _flat(vertices)
+    parameters["vertex_normals"] = _flat(normals)
+    parameters["faces"] = mi.UInt32(np.ascontiguousarray(faces, dtype=np.uint32).ravel())
+    if uvs is not None:
+        parameters["vertex_texcoords"] = _flat(uvs * [1, -1] + [0, 1])
+    parameters.update()
+    return mesh
+
+
+def _flat(values: np.ndarray) -> mi.Float:
+    return mi.Float(np.ascontiguousarray(values, dtype=np.float32).ravel())

@@ -1,0 +1,55 @@
+"""The world that a scene file names, moved around the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from cnca.core.errors import MeshError, SceneError
+from cnca.scene.schema import WorldSection
+from cnca.world.model import Place, World
+from cnca.world.stand import ground_under
+
+BUILTIN = "builtin:"
+
+
+def resolve_world(section: WorldSection, base: str | Path = ".", *, seed: int = 0) -> World:
+    """The world in its own axes; its first place is where the section puts the vehicle.
+
+    Args:
+        base: the folder that the file's path starts from.
+        seed: added to the section's: another form of a built-in world.
+
+    Raises:
+        MeshError: the file cannot be used, or there is no built-in world of that name.
+        SceneError: the world has no such place.
+    """
+    if section.file.startswith(BUILTIN):
+        from cnca.world.builtin import build
+
+        world = build(section.file.removeprefix(BUILTIN), section.seed + seed)
+    else:
+        world = _from_file(section, Path(base) / section.file)
+    return replace(world, places=(_chosen(section, world), *world.places))
+
+
+def _from_file(section: WorldSection, path: Path) -> World:
+    if section.missing and not path.exists():
+        raise MeshError(f"{path}: no such file; {section.missing}")
+    from cnca.world.mesh import load_world
+
+    return load_world(path, up=section.up, scale=section.scale)
+
+
+def _chosen(section: WorldSection, world: World) -> Place:
+    if section.at is None:
+        if section.place >= len(world.places):
+            raise SceneError(
+                f"world.place: {section.file} has {len(world.places)} places, numbered from 0 "
+                f"(got {section.place})"
+            )
+        place = world.places[section.place]
+    else:
+        x, y, *height = section.at
+        place = Place(x, y, height[0] if height else ground_under(world, x, y))
+    return place if section.heading is None else replace(place, heading=section.heading)

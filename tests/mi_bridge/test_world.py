@@ -1,0 +1,101 @@
+"""A world around the vehicle: its shadow, its colors, and what it hides."""
+
+import numpy as np
+import pytest
+import torch
+
+from cnca.core.color import srgb_to_linear
+from cnca.core.errors import SceneError
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.variant import dr, mi
+from cnca.mi_bridge.world_shapes import surface_bsdf
+from cnca.scene.weather import Weather
+from cnca.world.model import Piece, Surface, World
+from tests.mi_bridge.conftest import orbit
+
+GREY = torch.full((3, 8, 8), 0.4)
+NOON = Weather(sun_altitude=90, sky_scale=0)
+
+
+def quad(name, surface, corners) -> Piece:
+    corners = np.array(corners, float)
+    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+    normals = np.tile(normal / np.linalg.norm(normal), (4, 1))
+    uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    return Piece(name, surface, corners, np.array([[0, 1, 2], [0, 2, 3]]), normals, uvs)
+
+
+def level(name, surface, half, z, x=0.0) -> Piece:
+    corners = [[x - half, -half, z], [x + half, -half, z], [x + half, half, z], [x - half, half, z]]
+    return quad(name, surface, corners)
+
+
+ROAD = level("road", "asphalt", 500.0, 0.0)
+ASPHALT = Surface(base_color=(0.15, 0.15, 0.15), roughness=1.0, specular=0.0)
+
+
+def rendered(vehicle, *pieces, weather=NOON, view=None, samples=64, **surfaces):
+    world = World("test", (ROAD, *pieces), {"asphalt": ASPHALT, **surfaces})
+    renderer = MitsubaRenderer(vehicle, texture_size=8, samples=samples, world=world)
+    view = view or orbit(width=32, height=32)
+    with torch.no_grad():
+        return renderer, renderer.render(GREY, [view], weather, seed=0)[0].numpy()
+
+
+def test_a_world_out_of_sight_changes_no_pixel(vehicle):
+    view = orbit(width=16, height=16)
+    far = World("far", (level("lid", "asphalt", 1.0, -50.0),), {"asphalt": ASPHALT}, ground=True)
+    pictures = []
+    for world in (None, far):
+        renderer = MitsubaRenderer(vehicle, texture_size=8, samples=16, world=world)
+        with torch.no_grad():
+            pictures.append(renderer.render(GREY, [view], Weather(), seed=0))
+    torch.testing.assert_close(*pictures)
+
+
+def test_a_roof_keeps_the_sun_off(vehicle):
+    roof = level("roof", "asphalt", 500.0, 10.0)
+    renderer, dark = rendered(vehicle, roof)
+    covered = renderer.vehicle_mask([orbit(width=32, height=32)])[0] == 1
+    _, lit = rendered(vehicle)
+    assert lit[:, covered].mean() > 0.05
+    assert dark[:, covered].mean() < 2e-3 * lit[:, covered].mean()  # light from beyond the roof
+
+
+def test_leaves_let_as_much_sun_pass_as_they_have_holes(vehicle):
+    half = Surface(opacity=np.full((1, 1), 64, np.uint8), base_color=(0.0, 0.0, 0.0), specular=0.0)
+    renderer, shaded = rendered(vehicle, level("leaves", "leaf", 40.0, 10.0), leaf=half)
+    covered = renderer.vehicle_mask([orbit(width=32, height=32)])[0] == 1
+    _, lit = rendered(vehicle)
+    ratio = shaded[:, covered].mean() / lit[:, covered].mean()
+    assert ratio == pytest.approx(1 - 64 / 255, rel=0.02)
+
+
+def test_the_mask_is_what_can_be_seen(vehicle):
+    view = orbit(azimuth=0, elevation=5, distance=12, width=64, height=64)
+    free, _ = rendered(vehicle)
+    wall = quad("wall", "asphalt", [[4, 0, 0], [4, 9, 0], [4, 9, 9], [4, 0, 9]])
+    hidden, _ = rendered(vehicle, wall)
+    whole, part = free.vehicle_mask([view])[0], hidden.vehicle_mask([view])[0]
+    assert part.sum() == pytest.approx(whole.sum() / 2, rel=0.05)
+    left, _, right, _ = hidden.vehicle_boxes([view])[0].tolist()
+    assert {left, right} & set(free.vehicle_boxes([view])[0].tolist()[::2])
+    assert hidden.visible_shares([view])[0] == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_vehicle_that_is_hidden_is_an_error(vehicle):
+    view = orbit(azimuth=0, elevation=5, distance=12)
+    wall = quad("wall", "asphalt", [[4, -9, 0], [4, 9, 0], [4, 9, 9], [4, -9, 9]])
+    renderer, _ = rendered(vehicle, wall)
+    with pytest.raises(SceneError, match="does not see the vehicle"):
+        renderer.vehicle_boxes([view])
+
+
+def test_pictures_of_surfaces_are_srgb_and_their_factor_is_linear():
+    texture = np.array([[[0, 50, 200]]], np.uint8).repeat(2, 0).repeat(2, 1)
+    bsdf = surface_bsdf(Surface(base_color=(1.0, 0.5, 1.0), texture=texture))
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    si.wi = mi.Vector3f(0, 0, 1)
+    albedo = np.array(bsdf.eval_diffuse_reflectance(si))[:, 0]
+    linear = srgb_to_linear(torch.from_numpy(texture[0, 0] / 255)).numpy()
+    np.testing.assert_allclose(albedo, linear * [1, 0.5, 1], rtol=2e-3)
