@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cnca.attack.loop import draw_pool as draw_pool
     from cnca.attack.loop import optimize as optimize
     from cnca.attack.loop import start as start
-    from cnca.attack.settings import Attack as Attack
+    from cnca.attack.parts import Attack as Attack
     from cnca.attack.settings import Settings as Settings
     from cnca.attack.targets import Target as Target
     from cnca.build import build_generator as build_generator
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 PLACES = {
     "attack.loop": "draw_pool optimize start",
-    "attack.settings": "Attack Settings",
+    "attack.parts": "Attack",
+    "attack.settings": "Settings",
     "attack.targets": "Target",
     "build": "build_generator build_loop_renderer build_paint build_renderer build_targets "
     "build_vehicle",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from cnca.attack.settings import Attack
+from cnca.attack.parts import Attack
 from cnca.attack.targets import Target
 from cnca.core.types import Candidates
 from cnca.scene.paint import Paint

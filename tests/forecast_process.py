@@ -25,8 +25,8 @@ def small_request(folder: Path) -> run.Request:
     scene.write_text(SCENE)
     settings = Settings("zebra strips", steps=60, views_per_step=2, view_pool=64, check_every=10)
     generator = save_pipeline(tiny_pipeline(), folder / "generator")
-    where = scene, ("builtin",), folder / "out"
-    return run.Request(*where, settings, generator=generator, samples=4, held_out_views=8)
+    options = {"generator": generator, "samples": 4, "held_out_views": 8}
+    return run.Request(scene, folder / "out", settings, **options)
 
 
 def main(folder: Path, job: str) -> None:

@@ -44,7 +44,7 @@ def test_every_block_runs_and_the_first_is_the_command(small, tmp_path, monkeypa
     assert page["feature"][0, [1, 4]].eq(1).all()
     assert len(scores[7]) == 4
 
-    request = run.Request(small, ("builtin",), tmp_path / "run", settings, held_out_views=1)
+    request = run.Request(small, tmp_path / "run", settings, held_out_views=1)
     run.run(request, Console(quiet=True))
     by_command = StoredFeature.load(request.out / "F_adv.safetensors").feature
     assert torch.equal(by_page, by_command)

@@ -9,7 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cnca.attack.settings import Attack, Settings
+from cnca.attack.parts import Attack
+from cnca.attack.settings import Settings
 from cnca.attack.targets import look, numbers
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb

@@ -24,7 +24,8 @@ import torch
 from torch import Tensor
 
 from cnca.attack.best import Best, Validation
-from cnca.attack.settings import WEATHERS, Attack, Settings
+from cnca.attack.parts import Attack
+from cnca.attack.settings import WEATHERS, Settings
 from cnca.attack.targets import (
     look,
     numbers,

@@ -8,26 +8,41 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
-from cnca.cli.options import AttackOptions, Resume, Scorer, takes
+from cnca.cli.options import Given, Scorer, takes
+from cnca.core.options import OUTPUT, STRENGTH, WHAT
+from cnca.jobs.attack.request import Request
 
-Prompt = Annotated[str, typer.Option(help="What the paint is to look like.")]
+Tau = Annotated[
+    str,
+    typer.Option(help="Bound on each element of F_adv; inf for none.", rich_help_panel=STRENGTH),
+]
 
 
 @app.command()
-@takes(AttackOptions)
+@takes(Request)
 def optimize(
-    options: AttackOptions,
-    prompt: Prompt,
+    given: Given[Request],
     tau: Annotated[
-        str, typer.Option(help="Bound on each element of F_adv; inf for none, auto to search it.")
+        str,
+        typer.Option(
+            help="Bound on each element of F_adv; inf for none, auto to search it.",
+            rich_help_panel=STRENGTH,
+        ),
     ] = "1.0",
     min_prompt_score: Annotated[
-        float | None, typer.Option(help="With --tau auto: cosine that the texture must keep.")
+        float | None,
+        typer.Option(
+            help="With --tau auto: cosine that the texture must keep.", rich_help_panel=STRENGTH
+        ),
     ] = None,
     scorer: Scorer = None,
-    resume: Resume = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only measure some steps and say what all will take.")
+        bool,
+        typer.Option(
+            "--dry-run",
+            help="Only measure some steps and say what all will take.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False,
 ) -> None:
     """Search the camouflage that a detector misses, and judge it on held-out views.
@@ -38,21 +53,21 @@ def optimize(
     from cnca.core import parallel
 
     with parallel.joined():
-        request = options.request(prompt, resume=resume)
         if dry_run:
             from cnca.jobs.attack.forecast import dry_run as forecast
 
-            forecast(request, tau)
+            forecast(given.record(), tau)
         else:
-            terminal.optimize(request, tau, min_prompt_score, scorer)
+            terminal.optimize(given.record(), tau, min_prompt_score, scorer)
 
 
 @app.command()
-@takes(AttackOptions)
+@takes(Request, without=["resume"])
 def tradeoff(
-    options: AttackOptions,
-    prompt: Prompt,
-    taus: Annotated[str, typer.Option(help="Bounds on F_adv to compare.")] = "0.1,0.5,1,1.5,inf",
+    given: Given[Request],
+    taus: Annotated[
+        str, typer.Option(help="Bounds on F_adv to compare.", rich_help_panel=STRENGTH)
+    ] = "0.1,0.5,1,1.5,inf",
     scorer: Scorer = None,
 ) -> None:
     """Attack under several bounds τ: the paper's table of naturalness against strength.
@@ -61,15 +76,15 @@ def tradeoff(
     """
     from cnca.cli import attack_output as terminal
 
-    terminal.tradeoff(options.request(prompt), taus, scorer)
+    terminal.tradeoff(given.record(), taus, scorer)
 
 
 @app.command()
-@takes(AttackOptions)
+@takes(Request, without=["prompt", "resume"])
 def prompts(
-    options: AttackOptions,
-    wanted: Annotated[list[str], typer.Argument(help="Prompts to compare.")],
-    tau: Annotated[str, typer.Option(help="Bound on each element of F_adv.")] = "1.0",
+    given: Given[Request],
+    wanted: Annotated[list[str], typer.Argument(help="Prompts to compare.", rich_help_panel=WHAT)],
+    tau: Tau = "1.0",
     scorer: Scorer = None,
 ) -> None:
     """Attack with several prompts: the paper's table of styles, with numbers and pictures.
@@ -78,7 +93,7 @@ def prompts(
     """
     from cnca.cli import attack_output as terminal
 
-    terminal.prompts(options.request(wanted[0]), wanted, tau, scorer)
+    terminal.prompts(given.record(prompt=wanted[0]), wanted, tau, scorer)
 
 
 @app.command()

@@ -11,7 +11,8 @@ from cnca.attack.settings import Settings
 from cnca.core import parallel
 from cnca.core.errors import RunError
 from cnca.core.interrupts import resumable
-from cnca.jobs.attack.run import Request, run
+from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.run import run
 from cnca.report import MEANING
 
 DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "colorful camouflage"
@@ -98,7 +99,6 @@ def demo(out: Path, steps: int) -> None:
     attack(
         Request(
             DEMO_SCENE,
-            ("builtin",),
             out,
             settings,
             full_overlap=0.5,

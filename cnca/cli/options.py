@@ -1,165 +1,180 @@
-"""Options that several commands share, each said once."""
+"""Flags of commands: made from the records that they fill, or shared by several commands."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import Annotated, Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 
 from cnca.cli.run_file import Config
+from cnca.core.options import COST, OUTPUT, PANELS, WHAT, Flag
 
-if TYPE_CHECKING:
-    from cnca.jobs.attack.run import Request
+Record = TypeVar("Record")
 
-Scorer = Annotated[Path | None, typer.Option(help="Of cnca train-scorer, or a CLIP folder.")]
-Seed = Annotated[int, typer.Option(help="Seed of everything random.")]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with an interrupted run.")]
-Generator = Annotated[
-    Path | None, typer.Option(help="Folder in diffusers format; by default the shipped one.")
+Scorer = Annotated[
+    Path | None,
+    typer.Option(help="Of cnca train-scorer, or a CLIP folder.", rich_help_panel=WHAT),
 ]
-Samples = Annotated[int | None, typer.Option(help="Rays per pixel instead of the scene's.")]
+Seed = Annotated[int, typer.Option(help="Seed of everything random.", rich_help_panel=WHAT)]
+Resume = Annotated[
+    bool,
+    typer.Option("--resume", help="Go on with an interrupted run.", rich_help_panel=OUTPUT),
+]
+Generator = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder in diffusers format; by default the shipped one.", rich_help_panel=WHAT
+    ),
+]
+Samples = Annotated[
+    int | None, typer.Option(help="Rays per pixel instead of the scene's.", rich_help_panel=COST)
+]
 
 
-def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command one flag for each field of the dataclass ``options``, its first parameter."""
+class Given(Generic[Record]):
+    """What a command line said about a record."""
+
+    def __init__(self, kind: type[Record], values: Mapping[str, Any]) -> None:
+        """``values``: field of the record, or of a record in it → value."""
+        self._kind, self._values = kind, values
+
+    def record(self, **more: Any) -> Record:
+        """The record, with ``more`` for the fields that have no flag in this command.
+
+        Raises the CncaError of the record's own checks.
+        """
+        return _fill(self._kind, {**self._values, **more})
+
+
+def takes(
+    *records: type, without: Sequence[str] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the flags of the fields of ``records``, and ``--config``.
+
+    The command's first parameters are a :class:`Given` for each record.  Its other parameters are
+    flags of its own; one by the name of a field's flag stands in its place, so that the command
+    hands that value to :meth:`Given.record` itself.  Fields ``without`` a flag keep their default.
+    """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
-        shared = _parameters(options)
+        every = list(inspect.signature(command, eval_str=True).parameters.values())
+        of_command = every[len(records) :]
+        taken = {parameter.name for parameter in of_command}
+        sources = [
+            [s for s in _sources(record) if s.name not in taken and s.field not in without]
+            for record in records
+        ]
+        shared = {source.name: source.parameter() for part in sources for source in part}
 
         def run(**given: Any) -> None:
-            command(options(**{one.name: given.pop(one.name) for one in shared}), **given)
+            del given["config"]  # its content has become the others' values
+            asked: list[Given[Any]] = [
+                Given(record, {s.field: s.value(given[s.name]) for s in part if s.tells(given)})
+                for record, part in zip(records, sources, strict=True)
+            ]
+            command(*asked, **{name: given[name] for name in taken})
 
-        # typer reads both; required parameters come first only in its help.
-        every = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in [*own, *shared]]
-        every.sort(key=lambda one: one.default is not Parameter.empty)
-        run.__signature__ = Signature(every)  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in every}
+        config = Parameter("config", Parameter.KEYWORD_ONLY, default=None, annotation=Config)
+        parameters = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in of_command]
+        parameters = sorted([*parameters, *shared.values(), config], key=_place)
+        # typer reads both.
+        run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         run.__name__, run.__doc__ = command.__name__, command.__doc__
         return run
 
     return decorate
 
 
-def _parameters(options: type) -> list[Parameter]:
-    hints = get_type_hints(options, include_extras=True)
-    return [
-        Parameter(
-            field.name,
+def _place(parameter: Parameter) -> tuple[int, bool]:
+    """Where a flag stands in the help: by its panel, those that must be given first."""
+    shown = get_args(parameter.annotation)[1]
+    panel = shown.rich_help_panel
+    place = PANELS.index(panel) if panel in PANELS else len(PANELS)
+    return place, parameter.default is not Parameter.empty
+
+
+@dataclass(frozen=True)
+class _Source:
+    """The field of a record that a flag fills."""
+
+    field: str
+    name: str
+    """Of the flag, with underscores."""
+    flag: Flag
+    type: Any
+    default: Any
+    """MISSING where it must be given."""
+
+    @property
+    def repeatable(self) -> bool:
+        return get_origin(self.type) is tuple
+
+    def tells(self, given: Mapping[str, Any]) -> bool:
+        """Whether the command line says more than the field's default."""
+        return not (self.repeatable and given[self.name] is None)
+
+    def value(self, given: Any) -> Any:
+        """What the field holds for what typer read."""
+        return tuple(given) if self.repeatable and given is not None else given
+
+    def parameter(self) -> Parameter:
+        """What typer makes the flag of."""
+        flag, default, kind = self.flag, self.default, self.type
+        words: dict[str, Any] = {
+            "help": flag.help,
+            "metavar": flag.metavar,
+            "rich_help_panel": flag.panel,
+        }
+        if self.repeatable:
+            kind = list[get_args(kind)[0]]  # type: ignore[misc]
+            if default is not MISSING:
+                words["show_default"] = ", ".join(map(str, default)) or False
+                kind, default = kind | None, None
+        if flag.positional:
+            shown: Any = typer.Argument(**words)
+        else:
+            shown = typer.Option(*self._spellings(), **words)
+        return Parameter(
+            self.name,
             Parameter.KEYWORD_ONLY,
-            annotation=hints[field.name],
-            default=Parameter.empty if field.default is MISSING else field.default,
+            annotation=Annotated[kind, shown],
+            default=Parameter.empty if default is MISSING else default,
         )
-        for field in fields(options)
-    ]
+
+    def _spellings(self) -> list[str]:
+        long = "--" + self.name.replace("_", "-")
+        if self.type is bool and self.default:
+            long += f"/--no{long[1:]}"
+        return [f"-{self.flag.short}", long] if self.flag.short else [long]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AttackOptions:
-    """What every attack takes."""
+def _sources(record: type) -> Iterator[_Source]:
+    """The fields of a record, and of the records in it, that have a flag."""
+    hints = get_type_hints(record, include_extras=True)
+    for field in fields(record):
+        kind = hints[field.name]
+        if is_dataclass(kind):
+            yield from _sources(kind)  # type: ignore[arg-type]
+            continue
+        flag = next((m for m in getattr(kind, "__metadata__", ()) if isinstance(m, Flag)), None)
+        if flag is not None:
+            name = flag.name or field.name
+            yield _Source(field.name, name, flag, get_args(kind)[0], field.default)
 
-    scene: Annotated[Path, typer.Option(help="Scene file.")]
-    out: Annotated[Path, typer.Option(help="Folder of the run.")]
-    detector: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME_OR_FILE[=WEIGHT]",
-            help="builtin (the default), or a file: see docs/detectors.md; repeatable: losses are "
-            "summed by weight. A number behind the last = is the weight; end a name that itself "
-            "ends so with =1.",
-        ),
-    ] = None
-    backend: Annotated[
-        str, typer.Option(help="Renderer: mitsuba, cached, raster or module:name.")
-    ] = "mitsuba"
-    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 100
-    views_per_step: Annotated[int, typer.Option(help="Pictures per update.")] = 8
-    learning_rate: Annotated[float, typer.Option(help="Step size.")] = 0.01
-    decay: Annotated[bool, typer.Option("--decay", help="Let it fall to 0 along a cosine.")] = False
-    update: Annotated[str, typer.Option(help="adam, or sign for signed steps.")] = "adam"
-    objective: Annotated[
-        str, typer.Option(help="What is lowered: paper (equation 11), logit, odds or module:name.")
-    ] = "paper"
-    full_overlap: Annotated[
-        float | None,
-        typer.Option(help="IoU from which a box counts in full, instead of the objective's own."),
-    ] = None
-    generator: Generator = None
-    efr: Annotated[
-        Path | None,
-        typer.Option(help="EFR that corrects renders: builtin (for raster), or a file."),
-    ] = None
-    feature: Annotated[
-        str, typer.Option(help="concat (the paper) or replace (its released code).")
-    ] = "concat"
-    tokens: Annotated[
-        int | None, typer.Option(help="Tokens of F_adv; by default 77, or 40 that are replaced.")
-    ] = None
-    guidance: Annotated[float, typer.Option(help="Scale of classifier-free guidance.")] = 2.5
-    gradient_steps: Annotated[
-        int | None, typer.Option(help="Go back through the last K denoising steps; default all.")
-    ] = None
-    gradient_checkpointing: Annotated[
-        bool, typer.Option(help="Keep no activations of the U-Net: less memory, more time.")
-    ] = True
-    device: Annotated[str, typer.Option(help="Where the generator works, cpu or cuda.")] = "cpu"
-    mixed_precision: Annotated[
-        bool, typer.Option("--mixed-precision", help="U-Net in bfloat16 (autocast).")
-    ] = False
-    spp: Annotated[int, typer.Option(help="Rays per pixel in the loop.")] = 16
-    held_out_views: Annotated[int, typer.Option(help="Views that judge the result.")] = 24
-    check_every: Annotated[
-        int, typer.Option(help="Steps between checks on views of their own; keeps the best F_adv.")
-    ] = 0
-    patience: Annotated[
-        int, typer.Option(help="Stop after so many checks in a row without gain; 0 never stops.")
-    ] = 0
-    tensorboard: Annotated[
-        bool, typer.Option("--tensorboard", help="Also log into OUT/tensorboard.")
-    ] = False
-    seed: Seed = 0
-    config: Config = None
 
-    def request(self, prompt: str, *, resume: bool = False) -> Request:
-        """The attack with this prompt, under the bound τ = 1."""
-        from cnca.attack.settings import Settings
-        from cnca.jobs.attack.run import Request
-
-        settings = Settings(
-            prompt,
-            steps=self.steps,
-            views_per_step=self.views_per_step,
-            learning_rate=self.learning_rate,
-            decay=self.decay,
-            update=self.update,
-            check_every=self.check_every,
-            patience=self.patience,
-            seed=self.seed,
-            feature=self.feature,
-        )
-        return Request(
-            self.scene,
-            tuple(self.detector or ["builtin"]),
-            self.out,
-            settings,
-            backend=self.backend,
-            objective=self.objective,
-            full_overlap=self.full_overlap,
-            generator=self.generator,
-            efr=self.efr,
-            samples=self.spp,
-            tokens=self.tokens,
-            guidance=self.guidance,
-            gradient_steps=self.gradient_steps,
-            gradient_checkpointing=self.gradient_checkpointing,
-            device=self.device,
-            mixed_precision=self.mixed_precision,
-            held_out_views=self.held_out_views,
-            tensorboard=self.tensorboard,
-            resume=resume,
-        )
+def _fill(record: type[Record], values: Mapping[str, Any]) -> Record:
+    """A record from values by the names of its fields and of those of the records in it."""
+    hints, content = get_type_hints(record), {}
+    for field in fields(record):  # type: ignore[arg-type]
+        kind = hints[field.name]
+        if field.name in values:
+            content[field.name] = values[field.name]
+        elif is_dataclass(kind):
+            content[field.name] = _fill(kind, values)  # type: ignore[arg-type]
+    return record(**content)

@@ -20,11 +20,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from cnca.core.errors import GeneratorError, did_you_mean
+from cnca.core.errors import GeneratorError
 from cnca.core.files import replacing
-
-CONCAT, REPLACE = "concat", "replace"
-KINDS = (CONCAT, REPLACE)
+from cnca.gen.choices import CONCAT, REPLACE, UPDATE_NAMES, check_kind
 
 START_SPREAD = {CONCAT: 0.1, REPLACE: 0.0}
 """Standard deviation of F_adv at the start: tokens of padding are alike and, without it, would
@@ -32,14 +30,6 @@ stay nearly so; the released code starts at the prompt's own embedding."""
 
 Feature = Float[Tensor, "tokens width"]
 """F_adv: ``tokens`` vectors as wide as the text encoder's, unbounded until projected."""
-
-
-def check_kind(kind: str) -> str:
-    """Return ``kind``; raises :class:`GeneratorError` where it is none of :data:`KINDS`."""
-    if kind not in KINDS:
-        hint = did_you_mean(kind, KINDS)
-        raise GeneratorError(f"feature '{kind}': unknown; there is {' and '.join(KINDS)}{hint}")
-    return kind
 
 
 def default_tokens(kind: str, length: int) -> int:
@@ -77,7 +67,9 @@ class SignedSteps(torch.optim.SGD):
         return super().step(closure)
 
 
-UPDATES: dict[str, type[torch.optim.Optimizer]] = {"adam": torch.optim.Adam, "sign": SignedSteps}
+UPDATES: dict[str, type[torch.optim.Optimizer]] = dict(
+    zip(UPDATE_NAMES, (torch.optim.Adam, SignedSteps), strict=True)
+)
 """Name → update of F_adv (equation 12); the paper's is Adam."""
 
 

@@ -26,7 +26,8 @@ from cnca.core import parallel
 from cnca.core.errors import GeneratorError, NonFiniteError
 from cnca.core.types import SrgbTexture
 from cnca.gen import GUIDANCE
-from cnca.gen.feature import CONCAT, REPLACE, check_finite, check_kind, default_tokens
+from cnca.gen.choices import CONCAT, REPLACE, check_kind
+from cnca.gen.feature import check_finite, default_tokens
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
 
 TextFeature = Float[Tensor, "tokens width"]

@@ -5,7 +5,8 @@ import torch
 from safetensors.torch import save_file
 
 from cnca.core.errors import GeneratorError
-from cnca.gen.feature import StoredFeature, check_kind, default_tokens, initial, project
+from cnca.gen.choices import check_kind
+from cnca.gen.feature import StoredFeature, default_tokens, initial, project
 
 
 def test_projection_is_the_nearest_point_of_the_box():

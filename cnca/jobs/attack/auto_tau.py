@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from cnca.attack.settings import prompt_texture
+from cnca.attack.parts import prompt_texture
 from cnca.core.errors import RunError
 from cnca.core.manifest import write_json
 from cnca.gen.scorer import PromptScorer
-from cnca.jobs.attack.run import Request, build_generator
+from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.run import build_generator
 from cnca.jobs.attack.runs import Row, row, with_tau, write_tables
 
 GRID = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)

@@ -20,8 +20,10 @@ from rich.table import Table
 from cnca import build
 from cnca.attack.best import Validation
 from cnca.attack.loop import optimize, start
-from cnca.attack.settings import WEATHERS, Attack, Settings
-from cnca.jobs.attack.run import Request, assemble, held_out_shots
+from cnca.attack.parts import Attack
+from cnca.attack.settings import WEATHERS, Settings
+from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.run import assemble, held_out_shots
 from cnca.jobs.attack.runs import read_tau, under_tau
 from cnca.judge.evaluate import Shots, evaluate
 from cnca.scene.schema import load_scene

@@ -14,7 +14,8 @@ from cnca.attack.settings import Settings
 from cnca.core.errors import RunError, did_you_mean
 from cnca.core.images import read_texture_srgb
 from cnca.core.manifest import hashes, read_json, versions
-from cnca.jobs.attack.run import Request, run
+from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.run import run
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def rerun(manifest: Path, out: Path, console: Console) -> Rerun:
 
 
 def read_request(manifest: Path, content: dict[str, Any], out: Path) -> Request:
-    """The request that :meth:`cnca.jobs.attack.run.Request.as_dict` wrote, for another folder.
+    """The request that :meth:`cnca.jobs.attack.request.Request.as_dict` wrote, for another folder.
 
     Raises RunError for keys and values that are not a request's.
     """

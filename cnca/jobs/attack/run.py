@@ -7,10 +7,8 @@ A run folder holds ``manifest.json``, ``log.jsonl``, ``checkpoint.pt``, and at t
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +19,7 @@ from cnca import build
 from cnca.attack import checkpoint
 from cnca.attack.loop import Progress, optimize, start
 from cnca.attack.objectives import load_objective
-from cnca.attack.settings import Attack, Settings
+from cnca.attack.parts import Attack
 from cnca.attack.targets import Target, parse_targets, refuse_black_boxes
 from cnca.core import parallel
 from cnca.core.errors import RunError
@@ -30,9 +28,9 @@ from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import hashes, read_json, versions, write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.core.progress import bar
-from cnca.gen import GUIDANCE
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import tensorboard
+from cnca.jobs.attack.request import Request
 from cnca.judge.evaluate import Result, Shots, evaluate
 from cnca.report import shown_views, write_report
 from cnca.scene import controls
@@ -43,51 +41,6 @@ from cnca.scene.variation import draw_views, draw_weathers, in_blocks
 HELD_OUT_SEED = 104_729
 """Added to a run's seed for the views that judge it: never those that trained it."""
 CHECKPOINT = "checkpoint.pt"
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the command line asks for."""
-
-    scene: Path
-    detectors: tuple[str, ...]
-    """``NAME_OR_FILE[=WEIGHT]`` each; see :func:`cnca.attack.targets.parse_targets`."""
-    out: Path
-    settings: Settings
-    backend: str = "mitsuba"
-    """A name, or ``module:attribute``; see :func:`cnca.build.build_loop_renderer`."""
-    objective: str = "paper"
-    """What is lowered: a name, or ``module:attribute``; see :mod:`cnca.attack.objectives`."""
-    full_overlap: float | None = None
-    """IoU from which a box counts in full; None takes the objective's own."""
-    generator: Path | None = None
-    """A folder in diffusers format, or ``module:attribute``; None is the shipped one."""
-    efr: Path | None = None
-    samples: int = 16
-    """Rays per pixel in the loop; the verdict takes the scene's own number."""
-    tokens: int | None = None
-    """Tokens of F_adv; None takes as many as the kind of feature asks for."""
-    guidance: float = GUIDANCE
-    gradient_steps: int | None = None
-    """Last steps of DDIM that the gradient goes back through; None is all."""
-    gradient_checkpointing: bool = True
-    """Compute the U-Net's activations again on the way back; else those of all steps are kept."""
-    device: str = "cpu"
-    """Where the generator works; all else works on the CPU."""
-    mixed_precision: bool = False
-    held_out_views: int = 24
-    tensorboard: bool = False
-    """Also write the log for TensorBoard, into the folder's ``tensorboard``."""
-    resume: bool = False
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything that decides the result: not the folder, its log, or how it is computed."""
-        fields = asdict(self)
-        for name in ("out", "tensorboard", "resume", "gradient_checkpointing"):
-            del fields[name]
-        if math.isinf(self.settings.tau):
-            fields["settings"]["tau"] = "inf"  # which JSON cannot say as a number
-        return json.loads(json.dumps(fields, default=str))
 
 
 def run(request: Request, console: Console) -> dict[str, Any]:

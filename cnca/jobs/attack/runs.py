@@ -16,7 +16,8 @@ from cnca.core.images import read_texture_srgb
 from cnca.core.manifest import read_json, write_json
 from cnca.core.pictures import side_by_side, write_png
 from cnca.gen.scorer import PromptScorer
-from cnca.jobs.attack.run import Request, run
+from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.run import run
 from cnca.judge.naturalness import Naturalness, of_run
 
 TILE = 224

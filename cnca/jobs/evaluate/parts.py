@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 from cnca import build
-from cnca.attack.settings import prompt_texture
+from cnca.attack.parts import prompt_texture
 from cnca.core.errors import DetectorError, RunError
 from cnca.core.manifest import hashes
 from cnca.core.types import SrgbTexture

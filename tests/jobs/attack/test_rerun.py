@@ -30,7 +30,6 @@ def request_(tmp_path) -> run.Request:
     settings = Settings("zebra strips", tau=0.5, steps=2, views_per_step=1, learning_rate=0.1)
     return run.Request(
         scene,
-        ("builtin",),
         tmp_path / "first",
         settings,
         generator=save_pipeline(tiny_pipeline(), tmp_path / "tiny"),
@@ -80,7 +79,7 @@ def test_what_differs_is_said(request_, tmp_path, monkeypatch):
 def test_a_request_comes_back_as_it_was_written():
     settings = Settings("p", tau=float("inf"), decay=True, feature="replace")
     asked = run.Request(
-        Path("a.yaml"), ("b.cfg", "c.cfg=2"), Path("c"), settings, generator=Path("d")
+        Path("a.yaml"), Path("c"), settings, ("b.cfg", "c.cfg=2"), generator=Path("d")
     )
     assert read_request(Path("m"), {"request": asked.as_dict()}, Path("c")) == asked
 
@@ -95,7 +94,7 @@ def test_a_request_comes_back_as_it_was_written():
     ],
 )
 def test_a_manifest_that_is_none_is_named(change, message):
-    asked = run.Request(Path("a.yaml"), ("b.cfg",), Path("c"), Settings("p")).as_dict()
+    asked = run.Request(Path("a.yaml"), Path("c"), Settings("p")).as_dict()
     content = {"request": {**asked, "settings": asked["settings"] | change}}
     with pytest.raises(RunError, match=message.replace("?", r"\?")) as caught:
         read_request(Path("m"), content | change, Path("c"))

@@ -73,9 +73,8 @@ def request_for(tiny, tmp_path):
         settings = Settings(
             "zebra strips", steps=steps, views_per_step=1, learning_rate=0.1, feature=feature
         )
-        where = scene, ("builtin",), tmp_path / name
         options = {"generator": tiny, "samples": 2, "held_out_views": 4}
-        return run.Request(*where, settings, **options, resume=resume)
+        return run.Request(scene, tmp_path / name, settings, **options, resume=resume)
 
     return make
 

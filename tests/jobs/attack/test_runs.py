@@ -16,7 +16,7 @@ from cnca.attack.settings import Settings
 from cnca.core.errors import RunError
 from cnca.core.images import write_texture_srgb
 from cnca.jobs.attack import auto_tau, runs
-from cnca.jobs.attack.run import Request
+from cnca.jobs.attack.request import Request
 
 QUIET = Console(quiet=True)
 
@@ -55,7 +55,7 @@ def started(monkeypatch) -> list[Request]:
 
 @pytest.fixture
 def request_(tmp_path) -> Request:
-    return Request(Path("scene.yaml"), ("builtin",), tmp_path / "table", Settings("zebra"))
+    return Request(Path("scene.yaml"), tmp_path / "table", Settings("zebra"))
 
 
 def test_tradeoff_writes_the_papers_table_and_goes_on_where_it_was(started, request_):

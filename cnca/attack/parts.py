@@ -1,0 +1,67 @@
+"""The parts that work together in an attack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from cnca.attack.objectives import paper
+from cnca.attack.targets import Target
+from cnca.core import parallel
+from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
+from cnca.scene.cameras import View
+from cnca.scene.paint import Paint
+from cnca.scene.protocols import LoopRenderer, Objective, Renderer, Residual, TextureGenerator
+from cnca.scene.schema import Scene
+from cnca.scene.weather import Weather
+
+
+@dataclass(frozen=True)
+class Attack:
+    """The parts that work together, and the scene that they work on."""
+
+    scene: Scene
+    renderer: Renderer
+    paint: Paint
+    generator: TextureGenerator
+    targets: Sequence[Target]
+    """The detectors to fool, one or more."""
+    objective: Objective = field(default_factory=paper.Loss)
+    """What is lowered of what they see."""
+    residual: Residual | None = None
+
+    def texture(
+        self, text_feature: Tensor, feature: Tensor, seed: int, *, together: bool = False
+    ) -> SrgbTexture:
+        """T_adv for one F_adv; the initial noise belongs to the seed and never changes.
+
+        ``together``: all processes of the job call this at once, and divide the work.
+        """
+        noise = torch.Generator().manual_seed(seed)
+        return self.generator.generate(text_feature, feature, noise, together=together)
+
+    def render(
+        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
+    ) -> LinearImages:
+        """The images that the detector sees, corrected by the residual where there is one."""
+        each = parallel.calls(views, seed)
+        return torch.cat([self._draw(albedo, some, weather, own) for some, own in each])
+
+    def _draw(
+        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
+    ) -> LinearImages:
+        images = self.renderer.render(albedo, views, weather, seed=seed)
+        if self.residual is None:
+            return images
+        assert isinstance(self.renderer, LoopRenderer)
+        return self.residual(images, self.renderer.reference(views, weather, seed=seed))
+
+
+def prompt_texture(generator: TextureGenerator, prompt: str, seed: int) -> SrgbTexture:
+    """What the generator paints with F_adv = 0, from the noise that an attack's seed stands for."""
+    noise, nothing = torch.Generator().manual_seed(seed), torch.zeros(generator.feature_shape)
+    with torch.no_grad():
+        return generator.generate(generator.encode(prompt), nothing, noise)
