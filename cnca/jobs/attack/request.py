@@ -31,9 +31,9 @@ class Request:
         ),
     ] = ("builtin",)
     """See :func:`cnca.attack.targets.parse_targets`."""
-    backend: Annotated[
-        str, Flag("Renderer: mitsuba, cached, raster or module:name.", COST)
-    ] = "mitsuba"
+    backend: Annotated[str, Flag("Renderer: mitsuba, cached, raster or module:name.", COST)] = (
+        "mitsuba"
+    )
     """See :func:`cnca.build.build_loop_renderer`."""
     objective: Annotated[
         str, Flag("What is lowered: paper (equation 11), logit, odds or module:name.", STRENGTH)
