@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from cnca.cli.help import Group
 from cnca.core.errors import RunError
 
 QUIET = "CNCA_QUIET"
@@ -21,6 +22,7 @@ DIVIDED = ("optimize", "evaluate", "render-dataset", "train-efr")
 
 app = typer.Typer(
     name="cnca",
+    cls=Group,
     help="Customizable, natural adversarial camouflage: how robust is a vehicle detector?",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

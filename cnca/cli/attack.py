@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import ATTACK, BEGIN
 from cnca.cli.options import Given, Scorer, takes
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
 from cnca.jobs.attack.request import Request
@@ -18,7 +19,7 @@ Tau = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=ATTACK)
 @takes(Request)
 def optimize(
     given: Given[Request],
@@ -61,7 +62,7 @@ def optimize(
             terminal.optimize(given.record(), tau, min_prompt_score, scorer)
 
 
-@app.command()
+@app.command(rich_help_panel=ATTACK)
 @takes(Request, without=["resume"])
 def tradeoff(
     given: Given[Request],
@@ -79,7 +80,7 @@ def tradeoff(
     terminal.tradeoff(given.record(), taus, scorer)
 
 
-@app.command()
+@app.command(rich_help_panel=ATTACK)
 @takes(Request, without=["prompt", "resume"])
 def prompts(
     given: Given[Request],
@@ -96,7 +97,7 @@ def prompts(
     terminal.prompts(given.record(prompt=wanted[0]), wanted, tau, scorer)
 
 
-@app.command()
+@app.command(rich_help_panel=BEGIN)
 def demo(
     out: Annotated[Path, typer.Option(help="Folder of the run.")] = Path("out/demo"),
     steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 80,

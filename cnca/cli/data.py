@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import VEHICLES
 from cnca.cli.options import Samples
 
 
-@app.command("render-dataset")
+@app.command("render-dataset", rich_help_panel=VEHICLES)
 def render_dataset(
     scene: Annotated[Path, typer.Option(help="Scene file.")],
     out: Annotated[Path, typer.Option(help="Folder; the same command goes on in it.")],
@@ -26,7 +27,7 @@ def render_dataset(
     terminal.dataset(scene, out, images=images, shard=shard, tar=tar, samples=spp)
 
 
-@app.command("import-carla")
+@app.command("import-carla", rich_help_panel=VEHICLES)
 def import_carla(
     folder: Annotated[Path, typer.Argument(help="Folder of .npz frames.")],
     out: Annotated[Path, typer.Option(help="Folder for the data set.")],
@@ -41,7 +42,7 @@ def import_carla(
     terminal.import_carla(folder, out, scene, fov=fov)
 
 
-@app.command("reorder-uv")
+@app.command("reorder-uv", rich_help_panel=VEHICLES)
 def reorder_uv(
     mesh: Annotated[str, typer.Argument(help="Mesh file, or builtin:NAME.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="OBJ file to write.")],

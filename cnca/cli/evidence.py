@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import JUDGE
 from cnca.cli.options import Generator, Samples, Seed
 from cnca.cli.run_file import Config
 from cnca.core.errors import RunError
 
 
-@app.command()
+@app.command(rich_help_panel=JUDGE)
 def evaluate(
     out: Annotated[Path, typer.Option(help="Folder for results; a rerun goes on in it.")],
     scene: Annotated[list[Path] | None, typer.Option(help="Scene file; repeatable.")] = None,
@@ -89,7 +90,7 @@ def evaluate(
     )
 
 
-@app.command()
+@app.command(rich_help_panel=JUDGE)
 def table1(
     scene: Annotated[list[Path], typer.Option(help="Scene file; repeatable.")],
     texture: Annotated[

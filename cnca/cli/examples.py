@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import typer
+
+from cnca.cli.help import Command
 
 SCENE = "--scene builtin:sedan_clear"
 EXAMPLES = {
+    "": ["doctor", "demo", "optimize --help"],
     "doctor": ["doctor"],
     "render-scene": [
         "render-scene builtin:sedan_fog -o fog.png --spp 64",
@@ -36,6 +41,7 @@ EXAMPLES = {
     "harden": ["harden --texture out/sedan --out out/hardened --pictures 240"],
     "rerun": ["rerun out/sedan/manifest.json --out out/again"],
     "report": ["report out/sedan --turntable 36"],
+    "survey": ["survey build --images pictures --out out/survey", "survey serve out/survey"],
     "survey build": ["survey build --images pictures --out out/survey"],
     "survey serve": ["survey serve out/survey --port 8080"],
     "survey score": ["survey score out/survey"],
@@ -46,18 +52,21 @@ EXAMPLES = {
     "print-sheets": ["print-sheets out/sedan --scale 1:12 --paper A3 --out out/sedan.pdf"],
     "gallery": ["gallery --out out/gallery.png", "gallery scenes/hard"],
 }
-"""Command → what to write after ``cnca``."""
+"""Command, or nothing for ``cnca`` itself → what to write after ``cnca``."""
 
 
 def add_examples(app: typer.Typer, prefix: str = "") -> None:
-    """Let the help of each command end with its examples."""
+    """Let the help of all commands come in panels and end with examples."""
+    app.info.epilog = _written(EXAMPLES[prefix.strip()])
     for command in app.registered_commands:
         assert command.callback is not None
+        command.cls = Command
         name = prefix + (command.name or command.callback.__name__)
-        lines = [f"  cnca {example}" for example in EXAMPLES.get(name, [])]
-        if lines:
-            # The mark, alone in its line, keeps the lines after it as they are.
-            command.epilog = "\n".join(["\b", "Examples:", *lines])
+        command.epilog = _written(EXAMPLES.get(name, []))
     for group in app.registered_groups:
         assert group.typer_instance is not None
         add_examples(group.typer_instance, f"{prefix}{group.name} ")
+
+
+def _written(examples: Iterable[str]) -> str:
+    return "\n".join(["Examples:", *(f"  cnca {example}" for example in examples)])

@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import BEGIN, RENDER
 from cnca.cli.options import Generator, Samples, Seed
 
 
-@app.command()
+@app.command(rich_help_panel=BEGIN)
 def doctor(
     json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
@@ -23,7 +24,7 @@ def doctor(
     raise typer.Exit(0 if report.healthy else 1)
 
 
-@app.command("render-scene")
+@app.command("render-scene", rich_help_panel=RENDER)
 def render_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file, such as scenes/sedan_fog.yaml.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Picture to write: .png or .exr.")],
@@ -61,7 +62,7 @@ def render_scene(
     terminal.show_renders(out.parent, records, explain=explain, as_json=json)
 
 
-@app.command()
+@app.command(rich_help_panel=RENDER)
 def accuracy(
     scene: Annotated[Path, typer.Argument(help="Scene file.")],
     out: Annotated[Path, typer.Option(help="Folder for table, picture and reference.")],
@@ -80,7 +81,7 @@ def accuracy(
     terminal.accuracy(scene, out, seconds=seconds, view=view, detector=detector, volpath=volpath)
 
 
-@app.command("accuracy-generator")
+@app.command("accuracy-generator", rich_help_panel=RENDER)
 def accuracy_generator(
     out: Annotated[Path, typer.Option(help="Folder for table and picture.")],
     prompt: Annotated[str, typer.Option(help="What to paint.")] = "colorful camouflage",
@@ -104,7 +105,7 @@ def accuracy_generator(
     )
 
 
-@app.command()
+@app.command(rich_help_panel=RENDER)
 def calibrate(
     out: Annotated[Path, typer.Option(help="Folder for the cases and prices.json.")],
     scenes: Annotated[int, typer.Option(help="Random scenes to measure.")] = 32,

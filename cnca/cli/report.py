@@ -8,14 +8,17 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import ATTACK, JUDGE, Group
 
-survey = typer.Typer(help="Ask people how natural pictures look: the paper's appendix A.")
-app.add_typer(survey, name="survey")
+survey = typer.Typer(
+    cls=Group, help="Ask people how natural pictures look: the paper's appendix A."
+)
+app.add_typer(survey, name="survey", rich_help_panel=JUDGE)
 
 Folder = Annotated[Path, typer.Argument(help="The --out of cnca survey build.")]
 
 
-@app.command()
+@app.command(rich_help_panel=ATTACK)
 def report(
     folder: Annotated[Path, typer.Argument(help="The --out of a command that has ended.")],
     turntable: Annotated[

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import ATTACK
 
 
-@app.command()
+@app.command(rich_help_panel=ATTACK)
 def rerun(
     manifest: Annotated[Path, typer.Argument(help="manifest.json of a run.")],
     out: Annotated[Path, typer.Option(help="Folder of the new run.")],

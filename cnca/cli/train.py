@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import TRAIN
 from cnca.cli.options import Resume, Seed
 
 
-@app.command("train-generator")
+@app.command("train-generator", rich_help_panel=TRAIN)
 def train_generator(
     out: Annotated[Path, typer.Option(help="Folder for the pipeline.")],
     seed: Seed = 0,
@@ -23,7 +24,7 @@ def train_generator(
     train_generator(out, seed=seed, resume=resume)
 
 
-@app.command("train-scorer")
+@app.command("train-scorer", rich_help_panel=TRAIN)
 def train_scorer(
     out: Annotated[Path, typer.Option(help="Folder for the scorer.")],
     corpus: Annotated[
@@ -39,7 +40,7 @@ def train_scorer(
     typer.echo(f"{trained.file}: right prompt of ten in {trained.right:.1%} of {trained.pictures}")
 
 
-@app.command("train-detector")
+@app.command("train-detector", rich_help_panel=TRAIN)
 def train_detector(
     out: Annotated[Path, typer.Option(help="Folder for pictures and weights.")],
     kind: Annotated[str, typer.Option(help="yolo, anchor-free or transformer.")] = "yolo",
@@ -57,7 +58,7 @@ def train_detector(
     typer.echo(report)
 
 
-@app.command()
+@app.command(rich_help_panel=TRAIN)
 def harden(
     texture: Annotated[
         list[str], typer.Option(help="Camouflage, as for evaluate; repeatable: [NAME=]PATH.")
@@ -87,7 +88,7 @@ def harden(
     typer.echo(f"hardened detector: --detector {request.hardened}")
 
 
-@app.command("train-efr")
+@app.command("train-efr", rich_help_panel=TRAIN)
 def train_efr(
     out: Annotated[Path, typer.Option(help="Weights to write, .safetensors; report beside.")],
     from_render: Annotated[

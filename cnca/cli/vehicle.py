@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from cnca.cli.app import app
+from cnca.cli.help import BEGIN, VEHICLES
 
 
-@app.command("check-vehicle")
+@app.command("check-vehicle", rich_help_panel=VEHICLES)
 def check_vehicle(
     mesh: Annotated[str, typer.Argument(help="Mesh, builtin:NAME, or a scene file with one.")],
     up: Annotated[str | None, typer.Option(help="The file's upward axis; default y.")] = None,
@@ -42,7 +43,7 @@ def check_vehicle(
     raise typer.Exit(0 if report["usable"] else 1)
 
 
-@app.command("print-sheets")
+@app.command("print-sheets", rich_help_panel=VEHICLES)
 def print_sheets(
     run: Annotated[Path, typer.Argument(help="Folder of a finished cnca optimize.")],
     out: Annotated[Path, typer.Option(help="PDF to write; a report goes beside it.")],
@@ -73,7 +74,7 @@ def print_sheets(
     typer.echo(out)
 
 
-@app.command()
+@app.command(rich_help_panel=BEGIN)
 def gallery(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of scene files; default the shipped ones.")

@@ -10,9 +10,12 @@ from io import StringIO
 import pytest
 import typer
 from rich.console import Console
+from typer.testing import CliRunner
 
 from cnca.cli import app
 from cnca.cli.examples import EXAMPLES
+from cnca.cli.help import SUBJECTS
+from cnca.core.errors import RunError
 from cnca.core.progress import bar
 
 ROOT = typer.main.get_command(app)
@@ -46,8 +49,69 @@ def test_examples_name_options_that_there_are(name):
 
 
 def test_a_wrong_example_would_be_seen():
-    with pytest.raises(Exception, match="No such option"):
+    with pytest.raises(RunError, match="--outt: not a flag"):
         COMMANDS["gallery"].make_context("gallery", ["--outt", "x.png"])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("optimize --stepps 5", "--stepps: not a flag of cnca optimize; did you mean '--steps'?"),
+        ("optimize --view 5", "did you mean '--views-per-step'?"),
+        ("survey serve a --prot 1", "not a flag of cnca survey serve; did you mean '--port'?"),
+        ("optimize --quiet", "--quiet: stands before the command: cnca --quiet optimize"),
+        ("optimize --xyzzy", "--xyzzy: not a flag of cnca optimize"),
+    ],
+)
+def test_an_unknown_flag_names_the_nearest(words, message):
+    error = CliRunner().invoke(app, words.split(), prog_name="cnca").exception
+    assert isinstance(error, RunError)
+    assert message in str(error)
+
+
+@pytest.mark.parametrize(
+    ("words", "flag"),
+    [
+        ("render-scene a.yaml -o b.png --out c.png", "-o or --out"),
+        ("demo --steps 2 --steps 3", "--steps"),
+        (
+            "tradeoff --gradient-checkpointing --no-gradient-checkpointing",
+            "--gradient-checkpointing or --no-gradient-checkpointing",
+        ),
+    ],
+)
+def test_a_flag_that_is_given_twice_is_refused(words, flag):
+    words = [*words.split(), *(["--scene=a", "--prompt=b", "--out=c"] * ("trade" in words))]
+    error = CliRunner().invoke(app, words, prog_name="cnca").exception
+    assert isinstance(error, RunError)
+    assert str(error).startswith(f"{flag} is given 2 times to cnca ")
+
+
+def _help(name: str, width: int, monkeypatch) -> str:
+    monkeypatch.setenv("COLUMNS", str(width))
+    return COMMANDS[name].get_help(COMMANDS[name].context_class(COMMANDS[name]))
+
+
+def test_help_comes_in_panels_of_the_terminals_width(monkeypatch):
+    shown = _help("optimize", 70, monkeypatch)
+    titles = re.findall(r"^╭─ (\w+) ", shown, re.MULTILINE)
+    assert titles == ["What", "Strength", "Cost", "Output", "Options"]
+    panels, _, examples = shown.partition("\nExamples:\n")
+    assert max(map(len, panels.splitlines())) == 70
+    assert "--no-gradient-checkpointing" in panels  # whole, however long
+    assert examples.splitlines() == [f"  cnca {example}" for example in EXAMPLES["optimize"]]
+
+
+def test_help_takes_brackets_as_they_are(monkeypatch):
+    assert "[NAME=]PATH" in _help("survey build", 80, monkeypatch)
+
+
+def test_all_commands_stand_in_a_panel_of_their_subject(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = ROOT.get_help(ROOT.context_class(ROOT, info_name="cnca"))
+    titles = re.findall(r"^╭─ ([\w ]+?) ─", shown, re.MULTILINE)
+    assert titles == [*SUBJECTS, "Options"]
+    assert all(re.search(rf"^│ {name} ", shown, re.MULTILINE) for name in ROOT.commands)
 
 
 def _cnca(*arguments, **environment):
