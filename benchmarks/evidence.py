@@ -14,9 +14,8 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from tables import put
@@ -24,25 +23,23 @@ from tables import put
 from cnca.jobs.evaluate.evaluation import evaluate_scenes
 from cnca.jobs.evaluate.parts import Request
 from cnca.judge.candidates import named
+from cnca.judge.records import Evidence
 from cnca.report.tables import by_detector, by_measure, comparison_table
 
 SHUFFLED = "cnca shuffled"
 """The control that a camouflage has to beat first: its own palette."""
 
 
-def tables(results: Mapping[str, Any]) -> list[str]:
+def tables(results: Evidence) -> list[str]:
     """AP by detector, all measures in total, and the differences from the shuffled control."""
-    own = {
-        **results,
-        "comparisons": [each for each in results["comparisons"] if each["control"] == SHUFFLED],
-    }
+    shuffled = [found for found in results.comparisons if found.control == SHUFFLED]
     return [
         "AP@0.5 of the car (Pascal VOC 2010–2012):\n",
-        by_detector(results["all"], "car", results),
+        by_detector(results.all, "car", results),
         "Mean over the detectors:\n",
         by_measure(results),
         "Difference from the shuffled control, over the same views:\n",
-        comparison_table(own).rstrip(),
+        comparison_table(replace(results, comparisons=shuffled)).rstrip(),
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -15,6 +15,10 @@ from cnca.core.interrupts import resumable
 
 if TYPE_CHECKING:
     from cnca.jobs.evaluate.parts import Request
+    from cnca.judge.records import Evidence
+
+Asked = TypeVar("Asked")
+Found = TypeVar("Found")
 
 
 @parallel.joined()
@@ -23,7 +27,7 @@ def evidence(request: Request) -> None:
     from cnca.jobs.evaluate.evaluation import evaluate_scenes
     from cnca.report.tables import headlines
 
-    results = _gather(evaluate_scenes, request)
+    results = _gather(evaluate_scenes, request, request.out)
     shown = Console()
     shown.print(_evidence_table(results))
     for sentence in headlines(results):
@@ -36,7 +40,7 @@ def table1(request: Request, *, paper_figures: bool) -> None:
     from cnca.jobs.evaluate.evaluation import evaluate_scenes
     from cnca.report.paper_tables import write_table1
 
-    results = _gather(evaluate_scenes, request)
+    results = _gather(evaluate_scenes, request, request.out)
     path = write_table1(request.out, results, paper_figures=paper_figures)
     shown = Console()
     shown.print(_evidence_table(results))
@@ -53,26 +57,27 @@ def photos(
 
     if folder is None or labels is None:
         raise RunError("--photos and --labels belong together: give both")
-    results = _gather(evaluate_photos, PhotoRequest(folder, labels, out, detectors, **options))
+    request = PhotoRequest(folder, labels, out, detectors, **options)
+    results = _gather(evaluate_photos, request, out)
     table = Table()
-    for name in ("photographs", *results["detectors"]):
+    for name in ("photographs", *results.detectors):
         table.add_column(name, no_wrap=True)
-    for row, by_detector in results["all"].items():
-        aps = (by_detector[name]["car"]["AP_voc"] for name in results["detectors"])
+    for row, by_detector in results.all.items():
+        aps = (by_detector[name]["car"]["AP_voc"] for name in results.detectors)
         table.add_row(row, *(cell(ap, digits=2) for ap in aps))
     shown = Console()
     shown.print(table)
     shown.print(f"AP@0.5 of the car (VOC); all else: {out / 'results.md'}", soft_wrap=True)
 
 
-def _gather(work: Callable[[Any, Console], dict[str, Any]], request: Any) -> dict[str, Any]:
+def _gather(work: Callable[[Asked, Console], Found], request: Asked, out: Path) -> Found:
     """Results of an evaluation; after an interruption the same command goes on."""
     console = Console(stderr=True, quiet=parallel.rank() > 0)
-    with resumable(console, f"the same command goes on in {request.out}"):
+    with resumable(console, f"the same command goes on in {out}"):
         return work(request, console)
 
 
-def _evidence_table(results: dict[str, Any]) -> Table:
+def _evidence_table(results: Evidence) -> Table:
     """Mean over the detectors, class car, with 95 % intervals."""
     from cnca.judge.verdict import TOTAL
     from cnca.report.tables import cell
@@ -80,8 +85,8 @@ def _evidence_table(results: dict[str, Any]) -> Table:
     table = Table()
     for name in ("texture", "AP@0.5 (VOC)", "AP@0.5 (COCO)", "score"):
         table.add_column(name, no_wrap=True)
-    for row in results["rows"]:
-        total = results["all"][row][TOTAL]["car"]
+    for row in results.rows:
+        total = results.all[row][TOTAL]["car"]
         measures = ("AP_voc", "AP_coco", "score")
         table.add_row(row, *(cell(total[name], digits=2) for name in measures))
     return table

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -25,11 +24,13 @@ from cnca.core.errors import DetectorError, RunError, did_you_mean
 from cnca.core.files import write_text
 from cnca.core.manifest import hashes, read_json, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.detect import BUILTINS, detector_files
 from cnca.jobs.evaluate.parts import Request as EvidenceRequest
 from cnca.jobs.evaluate.parts import build_eyes, build_stages
 from cnca.judge.bootstrap import resample
 from cnca.judge.candidates import NORMAL, Candidate, parse_candidates, read_candidate
+from cnca.judge.records import Estimate
 from cnca.judge.stage import see
 from cnca.judge.verdict import measure_all, word_for
 from cnca.report.tables import cell, table
@@ -72,8 +73,30 @@ class Request:
         return str(folder / template.name if template.suffix else folder)
 
 
-def harden(request: Request, console: Console, *, resume: bool = False) -> dict[str, Any]:
-    """Render, train, compare; returns the content of ``hardening.json``.
+@dataclass(frozen=True)
+class Change:
+    """A measure of one texture before the hardening and after it."""
+
+    before: Estimate
+    after: Estimate
+    difference: Estimate
+    verdict: str
+    """See :func:`cnca.judge.verdict.word_for`."""
+
+
+@dataclass(frozen=True)
+class Hardening:
+    """What a hardening has changed, over held-out views."""
+
+    views: int
+    rows: Mapping[str, Mapping[str, Change]]
+    """Texture → measure → change."""
+    training: Mapping[str, object]
+    """The report of the training."""
+
+
+def harden(request: Request, console: Console, *, resume: bool = False) -> Hardening:
+    """Render, train, compare; returns what ``hardening.json`` holds.
 
     Raises:
         CncaError: a texture, scene or detector cannot be used, ``out`` holds a hardening already
@@ -103,8 +126,9 @@ def harden(request: Request, console: Console, *, resume: bool = False) -> dict[
         template=BUILTINS[request.detector],
         resume=resume,
     )
-    results = compare(evidence, candidates, console) | {"training": training}
-    write_json(request.out / "hardening.json", results)
+    views, rows = compare(evidence, candidates, console)
+    results = Hardening(views, rows, training)
+    write_json(request.out / "hardening.json", as_json(results))
     write_text(request.out / "hardening.md", markdown(results))
     return results
 
@@ -131,8 +155,8 @@ def make_cast(scene: Scene, candidates: Sequence[Candidate]) -> Cast:
 
 def compare(
     evidence: EvidenceRequest, candidates: Sequence[Candidate], console: Console
-) -> dict[str, Any]:
-    """Texture → measure → number before, after, difference, each with its interval."""
+) -> tuple[int, dict[str, dict[str, Change]]]:
+    """How many views there are, and what every texture's measures were and are."""
     stages, eyes = build_stages(evidence, candidates), build_eyes(evidence.detectors)
     with bar(console) as shown:
         weathers = len(stages[0].rows) * len(stages[0].shots.weathers)
@@ -141,34 +165,34 @@ def compare(
     boxes = stages[0].boxes()
     weights = resample([len(boxes)], seed=evidence.seed)
     measured = measure_all(seen, boxes, weights, normal=NORMAL)
-    rows: dict[str, Any] = {}
+    rows: dict[str, dict[str, Change]] = {}
     for row, by_detector in measured.items():
         before, after = (by_detector[name]["car"] for name in (BEFORE, AFTER))
         rows[row] = {}
         for name in MEASURES:
             difference = after[name] - before[name]
-            rows[row][name] = {
-                BEFORE: before[name].as_dict(),
-                AFTER: after[name].as_dict(),
-                "difference": difference.as_dict(),
-                "verdict": word_for(difference, len(boxes)),
-            }
-    return {"views": len(boxes), "rows": rows}
+            rows[row][name] = Change(
+                before[name].estimate(),
+                after[name].estimate(),
+                difference.estimate(),
+                word_for(difference, len(boxes)),
+            )
+    return len(boxes), rows
 
 
-def markdown(results: Mapping[str, Any]) -> str:
+def markdown(results: Hardening) -> str:
     """The table of a hardening."""
     head = ["texture"]
     for measure in MEASURES.values():
         head += [f"{measure} before", "after", "verdict"]
     rows = []
-    for row, by_measure in results["rows"].items():
+    for row, by_measure in results.rows.items():
         line = [row]
-        for each in by_measure.values():
-            line += [cell(each[BEFORE], digits=2), cell(each[AFTER], digits=2), each["verdict"]]
+        for change in by_measure.values():
+            line += [cell(change.before, digits=2), cell(change.after, digits=2), change.verdict]
         rows.append(line)
     note = (
-        f"{results['views']} held-out views; in brackets 95 % bootstrap intervals over views. The "
+        f"{results.views} held-out views; in brackets 95 % bootstrap intervals over views. The "
         "verdict is on the difference over the same views.\n"
     )
     return table(head, rows) + "\n" + note

@@ -16,6 +16,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from cnca.judge.records import Estimate
+
 RESAMPLES = 1000
 LEVEL = 0.95
 
@@ -55,11 +57,13 @@ class Sampled:
     def __sub__(self, other: Sampled) -> Sampled:
         return Sampled(self.samples - other.samples)
 
-    def as_dict(self) -> dict[str, float | None]:
-        """``value``, ``low`` and ``high`` for JSON, None where undefined."""
-        low, high = self.interval()
-        named = {"value": self.value, "low": low, "high": high}
-        return {k: None if math.isnan(v) else round(v, 4) for k, v in named.items()}
+    def estimate(self) -> Estimate:
+        """The value and its interval to four digits, None where undefined."""
+        return Estimate(*(_rounded(number) for number in (self.value, *self.interval())))
+
+
+def _rounded(number: float) -> float | None:
+    return None if math.isnan(number) else round(number, 4)
 
 
 def mean(numbers: Sequence[Sampled]) -> Sampled:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -17,6 +16,7 @@ from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.judge.candidates import Coat
 from cnca.judge.evaluate import Shots, look, photograph
 from cnca.judge.gallery import digest, kept_detections, kept_pictures, recall
+from cnca.judge.records import FrameFit
 from cnca.judge.verdict import Seen
 from cnca.scene.protocols import Detector, Renderer
 from cnca.scene.schema import Scene
@@ -54,8 +54,8 @@ class Stage:
     """Stands for all that decides the pictures, save texture, views, weather and seed."""
     photographs: Mapping[str, Callable[[int], SrgbImages]] = field(default_factory=dict)
     """Rows without a texture: name → the pictures of a weather, such as CARLA's own frames."""
-    notes: Mapping[str, Any] = field(default_factory=dict)
-    """What else belongs into the results."""
+    frames: Sequence[FrameFit] = ()
+    """How well the vehicle meets the photographs, where it is drawn over some."""
 
     @property
     def rows(self) -> list[str]:

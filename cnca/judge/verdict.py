@@ -15,6 +15,7 @@ from torch import Tensor
 from cnca.core.errors import DetectorError
 from cnca.core.types import Boxes, Detections
 from cnca.judge.bootstrap import Sampled, mean
+from cnca.judge.records import Scores
 from cnca.judge.scores import as_one_class, detection_score, rank
 
 COLUMNS = {"car": ("car",), "vehicle": ("car", "truck", "bus")}
@@ -34,7 +35,9 @@ TOO_FEW = "too few views"
 TOTAL = "total"
 
 Weights = Float[Tensor, "samples views"]
-Measured = dict[str, Sampled]
+Measured = Mapping[str, Sampled]
+MeasuredScores = Mapping[str, Mapping[str, Mapping[str, Measured]]]
+"""Texture → detector (or ``total``) → column → measure → number over all resamples."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ def measure(
     """
     found = seen.column(column)
     truths = [box[None] for box in boxes]
-    measured = {
+    measured: dict[str, Sampled] = {
         f"AP_{kind}": Sampled(rank(found, truths, 0, kind=kind).average_precision(weights))
         for kind in ("voc", "voc11", "coco")
     }
@@ -85,8 +88,8 @@ def measure(
 
 def measure_all(
     seen: Mapping[str, Mapping[str, Seen]], boxes: Boxes, weights: Weights, *, normal: str
-) -> dict[str, dict[str, dict[str, Measured]]]:
-    """Texture → detector → column → measures; ``total`` is the mean over the detectors.
+) -> MeasuredScores:
+    """Every measure of every texture; ``total`` is the mean over the detectors.
 
     ``seen`` maps texture → detector → what it saw; ``normal`` names the texture that all others are
     compared with in the attack success rate.
@@ -105,6 +108,20 @@ def measure_all(
             for column in COLUMNS
         }
     return table
+
+
+def estimates(measured: MeasuredScores) -> Scores:
+    """The numbers with their intervals, as results hold them."""
+    return {
+        texture: {
+            detector: {
+                column: {name: sampled.estimate() for name, sampled in measures.items()}
+                for column, measures in by_column.items()
+            }
+            for detector, by_column in by_detector.items()
+        }
+        for texture, by_detector in measured.items()
+    }
 
 
 def by_section(

@@ -78,10 +78,10 @@ def _scores(numbers: Mapping[str, Any]) -> str:
     shares = weights / weights.sum(dim=1, keepdim=True)
     means = {n: shares @ torch.tensor(scores[n], dtype=torch.float64) for n in MEANING}
     rows = [
-        [meaning, cell(Sampled(means[name]).as_dict()), f"{numbers['AP@0.5'][name]:.3f}"]
+        [meaning, cell(Sampled(means[name]).estimate()), f"{numbers['AP@0.5'][name]:.3f}"]
         for name, meaning in MEANING.items()
     ]
-    ratio = cell(Sampled(means["after"] / means["shuffled"]).as_dict(), digits=2)
+    ratio = cell(Sampled(means["after"] / means["shuffled"]).estimate(), digits=2)
     head = ["texture", "detection score", "AP@0.5"]
     return f"{table(head, rows)}\nCamouflage over shuffled control: **{ratio}**.\n"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from matplotlib import pyplot as plt
 
 from cnca.core.files import replacing
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side
+from cnca.judge.records import SectionScores
 from cnca.judge.stage import Eye, Stage
 from cnca.judge.verdict import ALARM, Seen
 
@@ -27,7 +29,7 @@ UNITS = {
 }
 
 
-def plot_sections(out: Path, sections: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def plot_sections(out: Path, sections: Mapping[str, Sequence[SectionScores]]) -> str:
     """The paper's figure of AP by elevation, azimuth, distance, fog and sun; 95 % bands.
 
     Axes along which the views do not differ are left out.  Returns the name of the file in ``out``.
@@ -39,11 +41,11 @@ def plot_sections(out: Path, sections: Mapping[str, Sequence[Mapping[str, Any]]]
     )
     for panel, (axis, parts) in zip(np.atleast_1d(panels), shown.items(), strict=True):
         places = np.arange(len(parts))
-        for row in parts[0]["AP_voc"]:
+        for row in parts[0].AP_voc:
             value, low, high = _band(parts, row)
             (line,) = panel.plot(places, value, marker="o", markersize=3, label=row)
             panel.fill_between(places, low, high, color=line.get_color(), alpha=0.12, lw=0)
-        panel.set_xticks(places, [part["label"] for part in parts], fontsize=8)
+        panel.set_xticks(places, [part.label for part in parts], fontsize=8)
         panel.set(xlabel=UNITS[axis], ylim=(0, 1.02))
     np.atleast_1d(panels)[0].set_ylabel("AP@0.5 (VOC, car)")
     handles, labels = np.atleast_1d(panels)[0].get_legend_handles_labels()
@@ -51,7 +53,7 @@ def plot_sections(out: Path, sections: Mapping[str, Sequence[Mapping[str, Any]]]
     return _save(figure, out, "sections.png")
 
 
-def plot_azimuths(out: Path, sections: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+def plot_azimuths(out: Path, sections: Mapping[str, Sequence[SectionScores]]) -> list[str]:
     """AP around the vehicle, its front to the top, with 95 % bands; needs three azimuths."""
     parts = sections["azimuth"]
     if len(parts) < 3:
@@ -61,8 +63,9 @@ def plot_azimuths(out: Path, sections: Mapping[str, Sequence[Mapping[str, Any]]]
     )
     axes.set_theta_zero_location("N")  # type: ignore[attr-defined]
     closed = [*parts, parts[0]]
-    angles = np.radians([part["place"] for part in parts] + [parts[0]["place"] + 360])
-    for row in parts[0]["AP_voc"]:
+    places = [part.place for part in parts if part.place is not None]  # all: no sector is clear air
+    angles = np.radians([*places, places[0] + 360])
+    for row in parts[0].AP_voc:
         value, low, high = _band(closed, row)
         (line,) = axes.plot(angles, value, label=row)
         axes.fill_between(angles, low, high, color=line.get_color(), alpha=0.12, lw=0)
@@ -95,10 +98,10 @@ def contact_sheet(
     return side_by_side(tiles, captions, columns=len(chosen))
 
 
-def _band(parts: Sequence[Mapping[str, Any]], row: str) -> np.ndarray:
+def _band(parts: Sequence[SectionScores], row: str) -> np.ndarray:
     """Value, low and high of one row in each section; NaN where undefined."""
-    numbers = [part["AP_voc"][row] for part in parts]
-    return np.array([[n[k] for n in numbers] for k in ("value", "low", "high")], float)
+    numbers = [part.AP_voc[row] for part in parts]
+    return np.array([astuple(number) for number in numbers], float).T
 
 
 def _save(figure: Any, out: Path, name: str) -> str:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from cnca.core.files import replacing
-from cnca.judge.verdict import TOTAL
-from cnca.report.tables import cell, table
+from cnca.judge.records import Evidence
+from cnca.report.tables import cell, table, with_total
 
 TABLE1_ROWS = ("Normal", "Random", "DAS", "FCA", "DTA", "ACTIVE", "CNCA")
 TABLE1_COLUMNS = ("YOLOv3", "YOLOF", "DDTR", "DRCN", "SRCN", "FrRCN", "Total")
@@ -34,13 +33,12 @@ QUOTED = (
 )
 
 
-def write_table1(out: Path, results: Mapping[str, Any], *, paper_figures: bool) -> Path:
+def write_table1(out: Path, results: Evidence, *, paper_figures: bool) -> Path:
     """Write ``table1.md`` from the results of an evaluation; returns its path."""
-    detectors = [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
-    ours = {row: results["all"][row] for row in results["rows"]}
+    detectors = with_total(results.detectors)
     cells = {
-        row: [cell(by_detector[name]["car"]["AP_voc"]) for name in detectors]
-        for row, by_detector in ours.items()
+        row: [cell(results.all[row][name]["car"]["AP_voc"]) for name in detectors]
+        for row in results.rows
     }
     body = quoted_table(
         TABLE1_ROWS,
@@ -52,8 +50,8 @@ def write_table1(out: Path, results: Mapping[str, Any], *, paper_figures: bool) 
     text = (
         "# Table 1: camouflages before several detectors\n\n"
         "AP@0.5 of the car, Pascal VOC 2010–2012 (area under the curve), over "
-        f"{results['views']} of the 8192 views of the paper's grid. In brackets: "
-        f"{results['interval']}.\n\n{body}"
+        f"{results.views} of the 8192 views of the paper's grid. In brackets: "
+        f"{results.interval}.\n\n{body}"
     )
     path = out / "table1.md"
     with replacing(path) as temporary:

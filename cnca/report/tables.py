@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from cnca.core.files import replacing
+from cnca.judge.records import Estimate, Evidence, FrameFit, Scores
 from cnca.judge.verdict import LEAST_VIEWS, MEASURES, TOO_FEW, TOTAL
 
-Number = Mapping[str, float | None]
 
-
-def cell(number: Number, *, digits: int = 3) -> str:
+def cell(number: Estimate, *, digits: int = 3) -> str:
     """``value [low, high]``, or a dash where the value is undefined."""
-    if number["value"] is None:
+    if number.value is None:
         return "–"
-    if number["low"] is None or number["high"] is None:
-        return f"{number['value']:.{digits}f}"
-    return f"{number['value']:.{digits}f} [{number['low']:.{digits}f}, {number['high']:.{digits}f}]"
+    if number.low is None or number.high is None:
+        return f"{number.value:.{digits}f}"
+    return f"{number.value:.{digits}f} [{number.low:.{digits}f}, {number.high:.{digits}f}]"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -27,44 +25,44 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-def write_markdown(path: Path, results: Mapping[str, Any], pictures: Sequence[str]) -> None:
+def write_markdown(path: Path, results: Evidence, pictures: Sequence[str]) -> None:
     """Write ``results.md``: the tables, the comparisons and the pictures beside it."""
     parts = [
         "# Evaluation\n",
-        f"{results['views']} views; scenes: {', '.join(results['scenes'])}. In brackets: "
-        f"{results['interval']}. {_meaning(results)}\n",
+        f"{results.views} views; scenes: {', '.join(results.scenes)}. In brackets: "
+        f"{results.interval}. {_meaning(results)}\n",
         "## AP@0.5 of the car (Pascal VOC 2010–2012, area)\n",
-        by_detector(results["all"], "car", results),
+        by_detector(results.all, "car", results),
         "## AP@0.5 as any vehicle (car, truck, bus)\n",
-        by_detector(results["all"], "vehicle", results),
+        by_detector(results.all, "vehicle", results),
         "## All measures, mean over the detectors\n",
         by_measure(results),
     ]
-    if results["comparisons"]:
+    if results.comparisons:
         parts += ["## Against the controls\n", _comparisons(results)]
-    for scene, measured in results.get("by_scene", {}).items():
+    for scene, measured in (results.by_scene or {}).items():
         parts += [f"## {scene}: AP@0.5 of the car\n", by_detector(measured, "car", results)]
-    if "frames" in results:
-        parts += ["## Frames\n", _frames(results["frames"])]
+    if results.frames is not None:
+        parts += ["## Frames\n", _frames(results.frames)]
     parts += ["## Pictures\n", *(f"![{name}]({name})\n" for name in pictures)]
     with replacing(path) as temporary:
         temporary.write_text("\n".join(parts), encoding="utf-8")
 
 
-def headlines(results: Mapping[str, Any]) -> list[str]:
+def headlines(results: Evidence) -> list[str]:
     """For each candidate one sentence: which controls it beats in total, and which not."""
     sentences = []
-    for candidate in results["candidates"]:
-        own = [
-            each
-            for each in results["comparisons"]
-            if each["candidate"] == candidate and each["detector"] == TOTAL
+    for candidate in results.candidates:
+        compared = [
+            comparison
+            for comparison in results.comparisons
+            if comparison.candidate == candidate and comparison.detector == TOTAL
         ]
-        if any(each["verdict"] == TOO_FEW for each in own):
+        if any(comparison.verdict == TOO_FEW for comparison in compared):
             sentences.append(f"{candidate}: {TOO_FEW} to compare; take {LEAST_VIEWS} or more.")
             continue
-        beaten = [each["control"] for each in own if each["verdict"] == "lower"]
-        others = [each["control"] for each in own if each["verdict"] != "lower"]
+        beaten = [c.control for c in compared if c.verdict == "lower"]
+        others = [c.control for c in compared if c.verdict != "lower"]
         sentence = f"{candidate}: AP@0.5 lower than {_listed(beaten)}"
         if others:
             sentence += f"; not lower than {_listed(others)}"
@@ -72,15 +70,15 @@ def headlines(results: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def _frames(records: Sequence[Mapping[str, Any]]) -> str:
+def _frames(fits: Sequence[FrameFit]) -> str:
     """How well the vehicle's mesh meets each frame."""
     rows = [
         [
-            record["frame"],
-            *(str(record.get(name, "–")) for name in ("lift", "median", "percentile_90")),
-            "yes" if record["used"] else "no",
+            fit.frame,
+            *("–" if n is None else str(n) for n in (fit.lift, fit.median, fit.percentile_90)),
+            "yes" if fit.used else "no",
         ]
-        for record in records
+        for fit in fits
     ]
     note = "Distances between the drawn and the photographed outline, in pixels.\n\n"
     return note + table(["frame", "lift (m)", "median", "90th percentile", "used"], rows)
@@ -90,38 +88,38 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) or "none of its controls"
 
 
-def _meaning(results: Mapping[str, Any]) -> str:
+def _meaning(results: Evidence) -> str:
     return (
         "The score of a view is the highest confidence of a detection that overlaps the vehicle's "
         "box by at least one half. The attack success rate is the share of the views with a "
         "vehicle found in normal paint (confidence 0.25) in which it is found no more. "
-        f"The total is the mean over {len(results['detectors'])} detector(s)."
+        f"The total is the mean over {len(results.detectors)} detector(s)."
     )
 
 
-def by_detector(measured: Mapping[str, Any], column: str, results: Mapping[str, Any]) -> str:
-    """AP of every texture before every detector, ``measured`` as ``results["all"]`` is.
+def by_detector(measured: Scores, column: str, results: Evidence) -> str:
+    """AP of every texture before every detector, ``measured`` as ``results.all`` is.
 
     ``column`` is ``car``, or ``vehicle`` for any vehicle.
     """
-    detectors = _columns(results)
+    detectors = with_total(results.detectors)
     rows = [
         [row, *(cell(measured[row][detector][column]["AP_voc"]) for detector in detectors)]
-        for row in results["rows"]
+        for row in results.rows
     ]
     return table(["texture", *detectors], rows)
 
 
-def by_measure(results: Mapping[str, Any]) -> str:
+def by_measure(results: Evidence) -> str:
     """All measures of every texture, mean over the detectors."""
     rows = []
-    for row in results["rows"]:
-        own = results["all"][row][TOTAL]["car"]
-        rows.append([row, *(cell(own[name]) if name in own else "–" for name in MEASURES)])
+    for row in results.rows:
+        total = results.all[row][TOTAL]["car"]
+        rows.append([row, *(cell(total[name]) if name in total else "–" for name in MEASURES)])
     return table(["texture", *MEASURES.values()], rows)
 
 
-def _comparisons(results: Mapping[str, Any]) -> str:
+def _comparisons(results: Evidence) -> str:
     sentences = "\n".join(f"- {sentence}" for sentence in headlines(results))
     note = (
         "\nThe interval is that of the difference over the same views; where it holds 0, there is "
@@ -130,17 +128,17 @@ def _comparisons(results: Mapping[str, Any]) -> str:
     return sentences + "\n" + note + "\n" + comparison_table(results)
 
 
-def comparison_table(results: Mapping[str, Any]) -> str:
+def comparison_table(results: Evidence) -> str:
     """The difference of each candidate from each of its controls, with its verdict."""
-    rows = []
-    for each in results["comparisons"]:
-        if each["detector"] in _columns(results):
-            names = [each["candidate"], each["control"], each["detector"]]
-            rows.append([*names, cell(each), each["verdict"]])
+    rows = [
+        [found.candidate, found.control, found.detector, cell(found), found.verdict]
+        for found in results.comparisons
+        if found.detector in with_total(results.detectors)
+    ]
     head = ["texture", "control", "detector", "difference of AP@0.5 (VOC, car)", "verdict"]
     return table(head, rows)
 
 
-def _columns(results: Mapping[str, Any]) -> list[str]:
-    """The detectors, and their mean where there are several."""
-    return [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
+def with_total(detectors: Sequence[str]) -> list[str]:
+    """The columns of a table: the detectors, and their mean where there are several."""
+    return [*detectors, *([TOTAL] if len(detectors) > 1 else [])]

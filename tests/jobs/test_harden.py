@@ -11,9 +11,10 @@ from rich.console import Console
 import cnca.jobs.harden
 from cnca.core.errors import DetectorError, RunError
 from cnca.core.images import write_texture_srgb
+from cnca.core.records import read_record
 from cnca.detect import BUILTIN_CONFIG, load_detector
 from cnca.detect.weights import stored_tensors
-from cnca.jobs.harden import Request, harden, make_cast, markdown, scene_of
+from cnca.jobs.harden import Hardening, Request, harden, make_cast, markdown, scene_of
 from cnca.judge.candidates import parse_candidates
 from cnca.scene.schema import load_scene
 from cnca.train import detector_pictures as detector_data
@@ -64,13 +65,13 @@ def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
     moved = max((after[name] - before[name]).abs().max() for name in weights)
     assert 0 < moved < 2e-5  # the first step of AdamW: 5e-6, and a little decay
 
-    assert set(results["rows"]) == {"normal", "uniform", "random", "zebra shuffled", "zebra"}
-    for by_measure in results["rows"].values():
+    assert set(results.rows) == {"normal", "uniform", "random", "zebra shuffled", "zebra"}
+    for by_measure in results.rows.values():
         for each in by_measure.values():
-            difference = each["after"]["value"] - each["before"]["value"]
-            assert each["difference"]["value"] == pytest.approx(difference, abs=2e-4)
-            assert each["verdict"] == "too few views"
-    assert json.loads((out / "hardening.json").read_text()) == json.loads(json.dumps(results))
+            difference = each.after.value - each.before.value
+            assert each.difference.value == pytest.approx(difference, abs=2e-4)
+            assert each.verdict == "too few views"
+    assert read_record(Hardening, out / "hardening.json") == results
     assert (out / "hardening.md").read_text() == markdown(results)
     inputs = json.loads((out / "manifest.json").read_text())["inputs"]
     assert {"texture.png", "scene.yaml", "builtin.safetensors"} <= {
@@ -81,7 +82,7 @@ def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
         harden(request, CONSOLE)
     with pytest.raises(RunError, match="was begun with other options"):
         harden(Request((str(run),), out, pictures=48, epochs=2, views=4), CONSOLE, resume=True)
-    assert harden(request, CONSOLE, resume=True)["rows"] == results["rows"]
+    assert harden(request, CONSOLE, resume=True).rows == results.rows
 
 
 def test_every_other_picture_wears_a_camouflage(run):

@@ -60,5 +60,5 @@ def test_means_over_detectors():
 
 def test_undefined_resamples_are_left_out_and_an_undefined_value_is_none():
     number = Sampled(torch.tensor([float("nan"), 1.0, float("nan"), 3.0]))
-    assert number.as_dict()["value"] is None
+    assert number.estimate().value is None
     assert number.interval()[0] == pytest.approx(1.05)

@@ -48,7 +48,7 @@ def test_success_counts_what_was_found_before_and_is_no_more():
     assert measured(now, before)["success"].value == pytest.approx(0.5)
     assert "success" not in measured(now)
     nothing = seen(None, None, None, None)
-    assert measured(now, nothing)["success"].as_dict()["value"] is None
+    assert measured(now, nothing)["success"].estimate().value is None
 
 
 def test_a_detector_without_cars_is_named():

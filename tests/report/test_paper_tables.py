@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from cnca.judge.records import Estimate, Evidence
 from cnca.report.paper_tables import TABLE1, TABLE1_COLUMNS, TABLE2, write_table1
 
 PAPER = Path(__file__).parents[3] / "shared" / "paper.tex"
@@ -29,19 +30,25 @@ def test_the_papers_totals_are_means_over_its_detectors():
 
 def results():
     def number(value):
-        return {"car": {"AP_voc": {"value": value, "low": value - 0.1, "high": value + 0.1}}}
+        return {"car": {"AP_voc": Estimate(value, value - 0.1, value + 0.1)}}
 
     rows = {"normal": 0.9, "random": 0.8, "dta": 0.5, "mine": 0.4}
-    return {
-        "views": 64,
-        "interval": "95 %",
-        "detectors": ["YOLOv3", "mine"],
-        "rows": list(rows),
-        "all": {
+    return Evidence(
+        views=64,
+        interval="95 %",
+        seed=0,
+        scenes=["a"],
+        detectors=["YOLOv3", "mine"],
+        candidates=["mine"],
+        rows=list(rows),
+        measures={},
+        all={
             row: {name: number(v) for name in ("YOLOv3", "mine", "total")}
             for row, v in rows.items()
         },
-    }
+        comparisons=[],
+        sections={},
+    )
 
 
 def lines_of(path):

@@ -10,7 +10,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -19,9 +18,11 @@ from cnca.core import parallel
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import write_png
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.detect import detector_files
 from cnca.jobs.evaluate.parts import Request, build_eyes, build_stages
 from cnca.judge.candidates import Candidate, named, parse_candidates
+from cnca.judge.records import Evidence
 from cnca.judge.results import judge
 from cnca.judge.stage import Eye, Stage, see
 from cnca.judge.verdict import Seen
@@ -30,8 +31,8 @@ from cnca.report.tables import write_markdown
 from cnca.scene.schema import load_scene
 
 
-def evaluate_scenes(request: Request, console: Console) -> dict[str, Any]:
-    """Render, look, judge, write everything; returns the content of ``results.json``.
+def evaluate_scenes(request: Request, console: Console) -> Evidence:
+    """Render, look, judge, write everything; returns what ``results.json`` holds.
 
     Raises:
         CncaError: a scene, texture or detector cannot be used.
@@ -45,8 +46,8 @@ def evaluate_scenes(request: Request, console: Console) -> dict[str, Any]:
         task = shown.add_task("weathers", total=len(parallel.share(range(total))))
         seen = see(stages, eyes, lambda: shown.advance(task))
 
-    def conclude() -> dict[str, Any]:
-        results = judge(stages, eyes, seen, [each.name for each in candidates], request.seed)
+    def conclude() -> Evidence:
+        results = judge(stages, eyes, seen, [c.name for c in candidates], request.seed)
         write_evidence(request.out, results, stages, eyes, seen)
         return results
 
@@ -55,14 +56,14 @@ def evaluate_scenes(request: Request, console: Console) -> dict[str, Any]:
 
 def write_evidence(
     out: Path,
-    results: dict[str, Any],
+    results: Evidence,
     stages: Sequence[Stage],
     eyes: Sequence[Eye],
     seen: dict[str, dict[str, Seen]],
 ) -> None:
     """Write results.json, results.md and the pictures into ``out``."""
-    pictures = [plot_sections(out, results["sections"])]
-    pictures += plot_azimuths(out, results["sections"])
+    pictures = [plot_sections(out, results.sections)]
+    pictures += plot_azimuths(out, results.sections)
     first = 0
     for stage in stages:
         for eye in eyes:
@@ -70,7 +71,7 @@ def write_evidence(
             write_png(out / name, contact_sheet(stage, eye, seen, first))
             pictures.append(name)
         first += len(stage.places)
-    write_json(out / "results.json", results)
+    write_json(out / "results.json", as_json(results))
     write_markdown(out / "results.md", results, pictures)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -24,6 +24,7 @@ from cnca.core.types import Boxes, LinearImages, LinearTexture, SrgbImages
 from cnca.jobs.datasets.carla import fit_frame
 from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import Arrays, digest, recall
+from cnca.judge.records import FrameFit
 from cnca.scene.cameras import View
 from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
 from cnca.scene.protocols import Renderer
@@ -71,9 +72,8 @@ class Frames:
     """Of their folder."""
     shots: Shots
     photographs: dict[View, SrgbImages]
-    records: list[dict[str, Any]]
-    """For every frame in the folder: ``frame``, ``lift`` (m), ``median`` and ``percentile_90`` of
-    the outline's distance in pixels, and whether it is ``used``; ``problem`` where none fits."""
+    fits: Sequence[FrameFit]
+    """Of every frame in the folder, used or not."""
 
     def photograph(self, weather: int) -> SrgbImages:
         """The untouched frame of this number."""
@@ -97,17 +97,17 @@ def read_frames(
     sources = sorted(folder.glob("*.npz"))
     if not sources:
         raise RunError(f"{folder}: no .npz frames in this folder; give the one that holds them")
-    records, photographs = [], {}
+    fits, photographs = [], {}
     for source in sources:
         frame = read_carla_frame(source)
-        record = _fit(source.stem, vehicle, frame, fov, kept / f"{source.stem}.npz")
-        records.append(record)
-        if record["used"]:
+        fit = _fit(source.stem, vehicle, frame, fov, kept / f"{source.stem}.npz")
+        fits.append(fit)
+        if fit.used and fit.lift is not None:
             height, width = frame.image.shape[:2]
             view = carla_view(
                 frame.vehicle,
                 frame.camera,
-                lift=record["lift"],
+                lift=fit.lift,
                 width=width,
                 height=height,
                 fov=fov,
@@ -115,13 +115,13 @@ def read_frames(
             )
             photographs[view] = torch.from_numpy(frame.image).permute(2, 0, 1)[None].contiguous()
     if not photographs:
-        problem = records[0].get("problem", f"its outline lies {records[0]['median']} pixels off")
+        problem = fits[0].problem or f"its outline lies {fits[0].median} pixels off"
         raise RunError(f"{folder}: the scene's vehicle meets no frame; the first: {problem}")
     shots = Shots([[view] for view in photographs], [weather] * len(photographs), seed)
-    return Frames(folder.resolve().name, shots, photographs, records)
+    return Frames(folder.resolve().name, shots, photographs, fits)
 
 
-def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path) -> dict[str, Any]:
+def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path) -> FrameFit:
     meshes = [array for part in vehicle.parts for array in (part.vertices, part.faces)]
     key = digest(frame.image, frame.vehicle, frame.camera, fov, *meshes)
 
@@ -132,11 +132,11 @@ def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path)
     try:
         lift, median, high = recall(kept, key, fit)["numbers"].tolist()
     except SceneError as error:
-        return {"frame": name, "used": False, "problem": str(error)}
-    return {
-        "frame": name,
-        "lift": round(lift, 4),
-        "median": round(median, 2),
-        "percentile_90": round(high, 2),
-        "used": median <= MOST_PIXELS,
-    }
+        return FrameFit(name, used=False, problem=str(error))
+    return FrameFit(
+        name,
+        used=median <= MOST_PIXELS,
+        lift=round(lift, 4),
+        median=round(median, 2),
+        percentile_90=round(high, 2),
+    )

@@ -131,7 +131,7 @@ def _over_frames(stage: Stage, frames: Frames) -> Stage:
         shots=frames.shots,
         key=digest(stage.key, *frames.photographs.values()),
         photographs={"photograph": frames.photograph},
-        notes={"frames": frames.records},
+        frames=frames.fits,
     )
 
 

@@ -11,7 +11,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -25,6 +24,7 @@ from cnca.core.files import replacing
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.detect import detector_files
 from cnca.jobs.evaluate.parts import build_eyes
@@ -33,11 +33,12 @@ from cnca.judge.candidates import named
 from cnca.judge.evaluate import look
 from cnca.judge.gallery import digest, kept_detections
 from cnca.judge.labels import Photo, read_labels
+from cnca.judge.records import Comparison, PhotoEvidence
 from cnca.judge.scores import Kind, rank
 from cnca.judge.stage import Eye
-from cnca.judge.verdict import ALARM, COLUMNS, TOTAL, Seen, word_for
+from cnca.judge.verdict import ALARM, COLUMNS, TOTAL, Seen, estimates, word_for
 from cnca.report.paper_tables import TABLE2, TABLE2_COLUMNS, quoted_table
-from cnca.report.tables import cell, table
+from cnca.report.tables import cell, table, with_total
 
 KINDS: tuple[Kind, ...] = ("voc", "voc11", "coco")
 IGNORED_SHARE = 0.5
@@ -58,8 +59,8 @@ class PhotoRequest:
     paper_figures: bool = False
 
 
-def evaluate_photos(request: PhotoRequest, console: Console) -> dict[str, Any]:
-    """Look at all photographs, judge, write everything; returns the content of ``results.json``.
+def evaluate_photos(request: PhotoRequest, console: Console) -> PhotoEvidence:
+    """Look at all photographs, judge, write everything; returns what ``results.json`` holds.
 
     Raises:
         RunError: photographs or labels cannot be used.
@@ -91,18 +92,18 @@ def evaluate_photos(request: PhotoRequest, console: Console) -> dict[str, Any]:
 
 def _conclude(
     request: PhotoRequest, photos: Sequence[Photo], eyes: Sequence[Eye], seen: Mapping[str, Seen]
-) -> dict[str, Any]:
+) -> PhotoEvidence:
     results = judge_photos(photos, seen, request.seed)
     sheets = [f"photos_{eye.folder}.png" for eye in eyes]
     for eye, name in zip(eyes, sheets, strict=True):
         write_png(request.out / name, _contact_sheet(photos, seen[eye.name]))
-    write_json(request.out / "results.json", results)
+    write_json(request.out / "results.json", as_json(results))
     _write_table2(request, results, sheets)
     return results
 
 
-def judge_photos(photos: Sequence[Photo], seen: Mapping[str, Seen], seed: int) -> dict[str, Any]:
-    """Group → detector → column → AP, with intervals, and the differences to the first group.
+def judge_photos(photos: Sequence[Photo], seen: Mapping[str, Seen], seed: int) -> PhotoEvidence:
+    """The AP of every group with intervals, and the differences to the first group.
 
     The group called ``normal``, in whatever case, comes first.
     """
@@ -120,32 +121,23 @@ def judge_photos(photos: Sequence[Photo], seen: Mapping[str, Seen], seed: int) -
             first = measured[groups[0]][detector]["car"]["AP_voc"]
             difference = measured[group][detector]["car"]["AP_voc"] - first
             comparisons.append(
-                {
-                    "candidate": group,
-                    "control": groups[0],
-                    "detector": detector,
-                    **difference.as_dict(),
-                    "verdict": word_for(difference, fewer),
-                }
+                Comparison(
+                    **asdict(difference.estimate()),
+                    candidate=group,
+                    control=groups[0],
+                    detector=detector,
+                    verdict=word_for(difference, fewer),
+                )
             )
-    return {
-        "photos": counts,
-        "interval": "95 %, percentile bootstrap over photographs",
-        "seed": seed,
-        "rows": groups,
-        "detectors": list(seen),
-        "all": {
-            group: {
-                detector: {
-                    column: {name: number.as_dict() for name, number in numbers.items()}
-                    for column, numbers in by_column.items()
-                }
-                for detector, by_column in by_detector.items()
-            }
-            for group, by_detector in measured.items()
-        },
-        "comparisons": comparisons,
-    }
+    return PhotoEvidence(
+        photos=counts,
+        interval="95 %, percentile bootstrap over photographs",
+        seed=seed,
+        rows=groups,
+        detectors=list(seen),
+        all=estimates(measured),
+        comparisons=comparisons,
+    )
 
 
 def read_photo(photo: Photo) -> SrgbImages:
@@ -204,17 +196,17 @@ def _measure(
     return table
 
 
-def _write_table2(request: PhotoRequest, results: dict[str, Any], pictures: list[str]) -> None:
-    detectors = [*results["detectors"], *([TOTAL] if len(results["detectors"]) > 1 else [])]
+def _write_table2(request: PhotoRequest, results: PhotoEvidence, pictures: list[str]) -> None:
+    detectors = with_total(results.detectors)
     parts = [
         "# Table 2: photographs\n",
-        ", ".join(f"{group}: {count} photographs" for group, count in results["photos"].items())
-        + f". In brackets: {results['interval']}.\n",
+        ", ".join(f"{group}: {count} photographs" for group, count in results.photos.items())
+        + f". In brackets: {results.interval}.\n",
     ]
     for column, title in (("car", "of the car"), ("vehicle", "as any vehicle (car, truck, bus)")):
         cells = {
-            row: [cell(results["all"][row][name][column]["AP_voc"]) for name in detectors]
-            for row in results["rows"]
+            row: [cell(results.all[row][name][column]["AP_voc"]) for name in detectors]
+            for row in results.rows
         }
         quoted = TABLE2 if request.paper_figures and column == "car" else {}
         columns = TABLE2_COLUMNS if quoted else ()
@@ -222,11 +214,11 @@ def _write_table2(request: PhotoRequest, results: dict[str, Any], pictures: list
             f"## AP@0.5 {title} (Pascal VOC 2010–2012, area)\n",
             quoted_table(tuple(quoted), cells, detectors, quoted, columns),
         ]
-    if results["comparisons"]:
+    if results.comparisons:
         rows = [
-            [each["candidate"], each["control"], each["detector"], cell(each), each["verdict"]]
-            for each in results["comparisons"]
-            if each["detector"] in detectors
+            [found.candidate, found.control, found.detector, cell(found), found.verdict]
+            for found in results.comparisons
+            if found.detector in detectors
         ]
         head = ["photographs", "against", "detector", "difference of AP@0.5", "verdict"]
         parts += ["## Differences\n", table(head, rows)]

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import cv2
 import numpy as np
 import torch
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from pydantic import Field
 from rich.console import Console
 from scipy.ndimage import distance_transform_edt
 
@@ -23,9 +26,11 @@ from cnca.core.files import write_text
 from cnca.core.images import SrgbArray, read_mask
 from cnca.core.manifest import write_json
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.jobs.printing.press import difference, load_press
-from cnca.jobs.printing.printed_run import predict, read_run
+from cnca.jobs.printing.printed_run import Prediction, predict, read_run
 from cnca.jobs.printing.sheets import PAPERS, PIXEL, Artwork, lay_out, printed_area, write_pdf
+from cnca.judge.records import Estimate
 from cnca.scene.schema import Scene
 from cnca.vehicle.uv.develop import Panel, develop
 from cnca.vehicle.uv.rebake import face_of_texels, rebake, shown_in
@@ -38,6 +43,37 @@ SEEN = 2.0
 """ΔE2000 from which a change of colour is plain to see."""
 
 
+@dataclass(frozen=True)
+class PanelRow:
+    """One panel on the sheets."""
+
+    name: str
+    width: float
+    """Millimetres on paper, as is the height."""
+    height: float
+    stretch: float
+    """Of lengths, at most in 95 % of the area."""
+    mean_delta_e: float
+    """ΔE2000 between the wanted and the printed color, mean over the area."""
+
+
+@dataclass(frozen=True)
+class SheetReport:
+    """What is on the sheets, and what printing does to it."""
+
+    run: str
+    scale: str
+    paper: str
+    pages: int
+    printer: str
+    printed_share: float
+    """Share of the painted outside that the panels hold."""
+    panels: Sequence[PanelRow]
+    color_change: Annotated[Mapping[str, float], Field(alias="colours")]
+    """Statistic → ΔE2000 of the paint."""
+    prediction: Prediction | None
+
+
 def print_sheets(
     folder: Path,
     out: Path,
@@ -47,7 +83,7 @@ def print_sheets(
     profile: Path | None = None,
     judged: bool = True,
     console: Console,
-) -> dict[str, Any]:
+) -> SheetReport:
     """Write the sheets of a run's folder, and what printing does to its colours and strength.
 
     Args:
@@ -57,10 +93,6 @@ def print_sheets(
         paper: one of :data:`cnca.jobs.printing.sheets.PAPERS`.
         profile: ICC profile of the printer; None is offset on coated paper.
         judged: whether to render the printed texture in the run's held-out views.
-
-    Returns:
-        ``panels`` (name, millimetres, largest stretch, mean ΔE2000), the share of the painted
-        outside on them, ``colours``, and the ``prediction``.
 
     Raises:
         RunError: no finished run, an unknown paper, a scale or file name that cannot be used.
@@ -95,18 +127,18 @@ def print_sheets(
             lambda: shown.advance(task),
         )
     change = difference(wanted, printed)
-    report = {
-        "run": str(folder),
-        "scale": f"1:{scale:g}",
-        "paper": paper,
-        "pages": len(pages) + 1,
-        "printer": str(profile) if profile else "offset on coated paper (cnca.jobs.printing.press)",
-        "printed_share": round(share, 4),
-        "panels": [_panel_row(panel, skin, change, scale) for panel in panels],
-        "colours": _colours(change[run.paint.mask[0].numpy() > 0.5]),
-        "prediction": predict(run, as_tensor, console) if judged else None,
-    }
-    write_json(out.with_suffix(".json"), report)
+    report = SheetReport(
+        run=str(folder),
+        scale=f"1:{scale:g}",
+        paper=paper,
+        pages=len(pages) + 1,
+        printer=str(profile) if profile else "offset on coated paper (cnca.jobs.printing.press)",
+        printed_share=round(share, 4),
+        panels=[_panel_row(panel, skin, change, scale) for panel in panels],
+        color_change=_color_change(change[run.paint.mask[0].numpy() > 0.5]),
+        prediction=predict(run, as_tensor, console) if judged else None,
+    )
+    write_json(out.with_suffix(".json"), as_json(report))
     write_text(out.with_suffix(".md"), markdown(report))
     return report
 
@@ -141,42 +173,43 @@ def artwork(panel: Panel, skin: Skin, texture: SrgbArray, scale: float) -> Artwo
     return Artwork(panel.name, np.rint(picture * 255).astype(np.uint8), inked[kept], outline)
 
 
-def markdown(report: dict[str, Any]) -> str:
+def markdown(report: SheetReport) -> str:
     """The report as tables."""
     lines = [
-        f"# Sheets of {report['run']} at {report['scale']}",
+        f"# Sheets of {report.run} at {report.scale}",
         "",
-        f"{report['pages']} pages of {report['paper']}; printer: {report['printer']}. The panels "
-        f"hold {report['printed_share']:.1%} of the painted outside.",
+        f"{report.pages} pages of {report.paper}; printer: {report.printer}. The panels "
+        f"hold {report.printed_share:.1%} of the painted outside.",
         "",
         "| panel | width, mm | height, mm | stretch, 95 % of the area | mean ΔE2000 |",
         "|---|---|---|---|---|",
     ]
-    for row in report["panels"]:
+    for row in report.panels:
         lines.append(
-            f"| {row['name']} | {row['width']:.1f} | {row['height']:.1f} "
-            f"| {row['stretch']:.1%} | {row['mean_delta_e']:.2f} |"
+            f"| {row.name} | {row.width:.1f} | {row.height:.1f} "
+            f"| {row.stretch:.1%} | {row.mean_delta_e:.2f} |"
         )
     lines += ["", "| ΔE2000 of the paint | |", "|---|---|"]
-    lines += [f"| {name} | {value:.2f} |" for name, value in report["colours"].items()]
-    predicted = report["prediction"]
-    for name, seen in predicted["detectors"].items() if predicted else ():
+    lines += [f"| {name} | {value:.2f} |" for name, value in report.color_change.items()]
+    predicted = report.prediction or Prediction(views=0, detectors={})
+    for name, seen in predicted.detectors.items():
+        precision = seen.average_precision
         lines += ["", f"| before {name} | detection score | AP@0.5 |", "|---|---|---|"]
-        for texture, score in seen["score"].items():
-            lines.append(f"| {texture} | {_cell(score, '.3f')} | {seen['AP@0.5'][texture]:.3f} |")
+        for texture, score in seen.score.items():
+            lines.append(f"| {texture} | {_cell(score, '.3f')} | {precision[texture]:.3f} |")
         lines += [
             "",
             f"Of the fall of the score from plain paint, printing takes away "
-            f"{_cell(seen['lost'], '.1%')}, over {predicted['views']} held-out views.",
+            f"{_cell(seen.lost, '.1%')}, over {predicted.views} held-out views.",
         ]
     return "\n".join(lines) + "\n"
 
 
-def _cell(number: dict[str, float | None], form: str) -> str:
+def _cell(number: Estimate, form: str) -> str:
     """A value with its 95 % interval."""
-    if any(each is None for each in number.values()):
+    if None in astuple(number):
         return "undefined"
-    return f"{number['value']:{form}} [{number['low']:{form}}, {number['high']:{form}}]"
+    return f"{number.value:{form}} [{number.low:{form}}, {number.high:{form}}]"
 
 
 def _painted(scene: Scene, skin: Skin) -> np.ndarray | None:
@@ -184,18 +217,18 @@ def _painted(scene: Scene, skin: Skin) -> np.ndarray | None:
     return shown_in(read_mask(scene.base / drawn), skin.corners) if drawn else None
 
 
-def _panel_row(panel: Panel, skin: Skin, change: np.ndarray, scale: float) -> dict[str, Any]:
+def _panel_row(panel: Panel, skin: Skin, change: np.ndarray, scale: float) -> PanelRow:
     """``change`` is ΔE2000 of each texel of the texture."""
     width, height = (panel.size * 1000 / scale).tolist()
     at_middles = _at_middles(change, skin, panel)
     areas = np.abs(np.linalg.det(panel.corners[:, 1:] - panel.corners[:, :1]))
-    return {
-        "name": panel.name,
-        "width": round(width, 2),
-        "height": round(height, 2),
-        "stretch": round(panel.stretch, 4),
-        "mean_delta_e": round(float(np.average(at_middles, weights=areas)), 3),
-    }
+    return PanelRow(
+        name=panel.name,
+        width=round(width, 2),
+        height=round(height, 2),
+        stretch=round(panel.stretch, 4),
+        mean_delta_e=round(float(np.average(at_middles, weights=areas)), 3),
+    )
 
 
 def _at_middles(picture: np.ndarray, skin: Skin, panel: Panel) -> np.ndarray:
@@ -206,7 +239,7 @@ def _at_middles(picture: np.ndarray, skin: Skin, panel: Panel) -> np.ndarray:
     return picture[row, column]
 
 
-def _colours(change: np.ndarray) -> dict[str, float]:
+def _color_change(change: np.ndarray) -> dict[str, float]:
     return {
         "mean": round(float(change.mean()), 3),
         "median": round(float(np.median(change)), 3),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from jaxtyping import Float
+from pydantic import Field
 from rich.console import Console
 from torch import Tensor
 
@@ -19,6 +21,7 @@ from cnca.core.types import SrgbTexture
 from cnca.jobs.attack.run import held_out_shots
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.evaluate import Result, evaluate
+from cnca.judge.records import Estimate
 from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene, load_scene
 from cnca.vehicle.model import Vehicle
@@ -56,13 +59,33 @@ def read_run(folder: Path) -> Run:
     return Run(folder, scene, vehicle, build.build_paint(scene, vehicle), request, contents[1])
 
 
-def predict(run: Run, printed: SrgbTexture, console: Console) -> dict[str, Any]:
-    """The run's verdict once more, for its texture and for what is left of it in print.
+@dataclass(frozen=True)
+class InPrint:
+    """One detector's verdict on the plain paint, the texture and its print.
 
-    Of each of its ``detectors``: ``score`` and ``AP@0.5`` of the plain paint, the texture and the
-    print, and ``lost``, the share of the score's fall from plain paint to camouflage that printing
-    takes away; undefined where it does not fall.  95 % intervals are bootstrapped over the views.
+    95 % intervals are bootstrapped over the views.
     """
+
+    score: Mapping[str, Estimate]
+    """``plain``, ``texture`` and ``print`` → mean detection score."""
+    average_precision: Annotated[Mapping[str, float], Field(alias="AP@0.5")]
+    difference: Estimate
+    """Score of the print less that of the texture."""
+    lost: Estimate
+    """Share of the score's fall from plain paint to camouflage that printing takes away; undefined
+    where it does not fall."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a camouflage is worth in print, before each detector of its run."""
+
+    views: int
+    detectors: Mapping[str, InPrint]
+
+
+def predict(run: Run, printed: SrgbTexture, console: Console) -> Prediction:
+    """The run's verdict once more, for its texture and for what is left of it in print."""
     request, seed = run.request, run.request["settings"]["seed"]
     # Runs of the first versions have one detector, under another name.
     targets = build.build_targets(request.get("detectors") or [request["detector"]])
@@ -77,24 +100,22 @@ def predict(run: Run, printed: SrgbTexture, console: Console) -> dict[str, Any]:
         task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
         results = evaluate(renderer, targets, albedos, shots, lambda: shown.advance(task))
     weights = resample([request["held_out_views"]], seed=seed)
-    return {
-        "views": request["held_out_views"],
-        "detectors": {name: _compared(result, weights) for name, result in results.items()},
-    }
+    return Prediction(
+        views=request["held_out_views"],
+        detectors={name: _compared(result, weights) for name, result in results.items()},
+    )
 
 
-def _compared(
-    results: dict[str, Result], weights: Float[Tensor, "samples views"]
-) -> dict[str, Any]:
+def _compared(results: Mapping[str, Result], weights: Float[Tensor, "samples views"]) -> InPrint:
     score = {
         name: Sampled(weights @ torch.tensor(result.scores).double() / len(result.scores))
         for name, result in results.items()
     }
     loss, fall = score["print"] - score["texture"], score["plain"] - score["texture"]
     share = loss.samples / fall.samples
-    return {
-        "score": {name: each.as_dict() for name, each in score.items()},
-        "AP@0.5": {name: round(r.average_precision, 4) for name, r in results.items()},
-        "difference": loss.as_dict(),
-        "lost": Sampled(torch.where(fall.samples > 0, share, torch.nan)).as_dict(),
-    }
+    return InPrint(
+        score={name: sampled.estimate() for name, sampled in score.items()},
+        average_precision={name: round(r.average_precision, 4) for name, r in results.items()},
+        difference=loss.estimate(),
+        lost=Sampled(torch.where(fall.samples > 0, share, torch.nan)).estimate(),
+    )

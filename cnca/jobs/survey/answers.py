@@ -7,11 +7,11 @@ import re
 import sqlite3
 import threading
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cnca.core.errors import RunError
+from cnca.core.records import read_record
 
 KEY, STORE, FILES = "survey.json", "answers.sqlite", "answers"
 """In a survey's folder: the key, what a server collected, and the folder for saved files."""
@@ -28,10 +28,6 @@ class Survey:
     sources: Mapping[str, str]
     names: Mapping[str, str]
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class Sheet:
@@ -47,10 +43,10 @@ class Sheet:
 def read_survey(folder: Path) -> Survey:
     """The survey in a folder; raises RunError where there is none."""
     try:
-        return Survey(**json.loads((folder / KEY).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
+        return read_record(Survey, folder / KEY)
+    except RunError as error:
         raise RunError(
-            f"{folder / KEY}: no survey ({error}); make one with cnca survey build"
+            f"{folder / KEY}: no survey; make one with cnca survey build ({error})"
         ) from None
 
 

@@ -13,6 +13,7 @@ from cnca.core.errors import RunError
 from cnca.core.files import replacing, write_text
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture
+from cnca.core.records import as_json
 from cnca.jobs.survey.answers import KEY, STORE, Survey, read_survey
 from cnca.judge.candidates import named
 from cnca.judge.gallery import digest
@@ -75,7 +76,7 @@ def build_survey(images: Sequence[str], out: Path, *, question: str | None = Non
     }
     page = render(Path(__file__).parent, question=question, content=content, connect="'self'")
     write_text(out / "index.html", page)
-    write_json(out / KEY, survey.as_dict())
+    write_json(out / KEY, as_json(survey))
     return survey
 
 

@@ -7,10 +7,10 @@ the pictures of a source.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -19,16 +19,74 @@ from scipy import stats
 
 from cnca.core.errors import RunError
 from cnca.core.manifest import versions, write_json
+from cnca.core.records import as_json
 from cnca.jobs.survey.answers import Sheet, Survey, read_sheets, read_survey
 from cnca.judge.bootstrap import Sampled, resample
+from cnca.judge.records import Estimate
 
 Means = Float[np.ndarray, "participants sources"]
+
+
+@dataclass(frozen=True)
+class Score(Estimate):
+    """Mean over the participants' mean scores of one source, from 1 to 5, with its interval."""
+
+    standard_deviation: float | None
+    """Over participants (n − 1); None where there is one."""
+
+
+@dataclass(frozen=True)
+class SourceScore(Score):
+    """The score of a named source."""
+
+    source: str
+
+
+@dataclass(frozen=True)
+class Friedman:
+    """Friedman's test of whether any source differs."""
+
+    statistic: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Wilcoxon's test of whether two sources differ."""
+
+    first: str
+    second: str
+    difference: float
+    """Of the means."""
+    p: float
+    p_holm: float
+    """Corrected for all pairs."""
+
+
+@dataclass(frozen=True)
+class SurveyScores:
+    """What a survey comes to; ``score.json`` holds it."""
+
+    survey: str
+    question: str
+    participants: int
+    left_out: int
+    """Participants who did not rate every source."""
+    pictures: int
+    interval: str
+    """What the intervals are."""
+    sources: Sequence[SourceScore]
+    friedman: Friedman | None
+    """None for two sources."""
+    pairs: Sequence[Pair]
+    versions: Mapping[str, str]
+
 
 PERMUTATIONS = 9999
 """Of signs in Wilcoxon's test: all of them up to 13 participants, so many at random beyond."""
 
 
-def score_survey(folder: Path) -> dict[str, Any]:
+def score_survey(folder: Path) -> SurveyScores:
     """Score the survey in ``folder``; write ``score.json``, ``score.md`` and ``score.tex``.
 
     Raises:
@@ -45,21 +103,23 @@ def score_survey(folder: Path) -> dict[str, Any]:
             "let some finish"
         )
     sources = list(dict.fromkeys(survey.sources.values()))
-    results = {
-        "survey": survey.id,
-        "question": survey.question,
-        "participants": len(means),
-        "left_out": len(sheets) - len(means),
-        "pictures": len(survey.sources),
-        "interval": "95 %, percentile bootstrap over participants",
-        "sources": [
-            {"source": source, **summarize(own)}
-            for source, own in zip(sources, means.T, strict=True)
+    friedman, pairs = compare(sources, means)
+    results = SurveyScores(
+        survey=survey.id,
+        question=survey.question,
+        participants=len(means),
+        left_out=len(sheets) - len(means),
+        pictures=len(survey.sources),
+        interval="95 %, percentile bootstrap over participants",
+        sources=[
+            SourceScore(**asdict(summarize(column)), source=source)
+            for source, column in zip(sources, means.T, strict=True)
         ],
-        **compare(sources, means),
-        "versions": versions(),
-    }
-    write_json(folder / "score.json", results)
+        friedman=friedman,
+        pairs=pairs,
+        versions=versions(),
+    )
+    write_json(folder / "score.json", as_json(results))
     write_tables(folder, results, survey)
     return results
 
@@ -69,43 +129,36 @@ def participant_means(sheets: Sequence[Sheet], survey: Survey) -> Means:
     sources = list(dict.fromkeys(survey.sources.values()))
     rows = []
     for sheet in sheets:
-        own: dict[str, list[int]] = {source: [] for source in sources}
+        by_source: dict[str, list[int]] = {source: [] for source in sources}
         for picture, score in sheet.answers.items():
-            own[survey.sources[picture]].append(score)
-        if all(own.values()):
-            rows.append([float(np.mean(scores)) for scores in own.values()])
+            by_source[survey.sources[picture]].append(score)
+        if all(by_source.values()):
+            rows.append([float(np.mean(scores)) for scores in by_source.values()])
     return np.array(rows, float).reshape(len(rows), len(sources))
 
 
-def summarize(scores: Float[np.ndarray, " participants"]) -> dict[str, float | None]:
+def summarize(scores: Float[np.ndarray, " participants"]) -> Score:
     """Mean with its interval, and the standard deviation over participants (n − 1)."""
     weights = resample([len(scores)], seed=0)
     mean = Sampled(weights @ torch.from_numpy(scores) / len(scores))
     spread = round(float(scores.std(ddof=1)), 4) if len(scores) > 1 else None
-    return mean.as_dict() | {"standard_deviation": spread}
+    return Score(**asdict(mean.estimate()), standard_deviation=spread)
 
 
-def compare(sources: Sequence[str], means: Means) -> dict[str, Any]:
-    """Whether any source differs (Friedman), and which pairs do (Wilcoxon, Holm-corrected).
-
-    Returns ``friedman`` (``statistic`` and ``p``; None for two sources) and ``pairs``, a list of
-    ``first``, ``second``, ``difference`` of the means, ``p`` and the corrected ``p_holm``.
-    """
+def compare(sources: Sequence[str], means: Means) -> tuple[Friedman | None, list[Pair]]:
+    """Whether any source differs, None for two, and which pairs do (Wilcoxon, Holm-corrected)."""
     pairs = list(combinations(range(len(sources)), 2))
     p_values = [wilcoxon(means[:, i] - means[:, j]) for i, j in pairs]
-    return {
-        "friedman": _friedman(means) if len(sources) > 2 else None,
-        "pairs": [
-            {
-                "first": sources[i],
-                "second": sources[j],
-                "difference": round(float((means[:, i] - means[:, j]).mean()), 4),
-                "p": p,
-                "p_holm": corrected,
-            }
-            for (i, j), p, corrected in zip(pairs, p_values, holm(p_values), strict=True)
-        ],
-    }
+    return _friedman(means) if len(sources) > 2 else None, [
+        Pair(
+            first=sources[i],
+            second=sources[j],
+            difference=round(float((means[:, i] - means[:, j]).mean()), 4),
+            p=p,
+            p_holm=corrected,
+        )
+        for (i, j), p, corrected in zip(pairs, p_values, holm(p_values), strict=True)
+    ]
 
 
 def wilcoxon(differences: Float[np.ndarray, " participants"]) -> float:
@@ -130,9 +183,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected.tolist()
 
 
-def _friedman(means: Means) -> dict[str, float]:
+def _friedman(means: Means) -> Friedman:
     if len(means) < 2 or not np.ptp(means, axis=1).any():
-        return {"statistic": 0.0, "p": 1.0}
+        return Friedman(statistic=0.0, p=1.0)
     statistic, p = stats.friedmanchisquare(*np.round(means, 9).T)
     assert not math.isnan(p)
-    return {"statistic": float(statistic), "p": float(p)}
+    return Friedman(float(statistic), float(p))

@@ -9,9 +9,11 @@ from rich.console import Console
 
 from cnca.core.errors import CncaError
 from cnca.core.images import write_texture_srgb
+from cnca.core.records import read_record
 from cnca.detect import BUILTIN_CONFIG
 from cnca.jobs.evaluate.evaluation import evaluate_scenes
 from cnca.jobs.evaluate.parts import Request
+from cnca.judge.records import Evidence
 
 pytestmark = pytest.mark.skipif(
     not BUILTIN_CONFIG.with_suffix(".safetensors").exists(),
@@ -47,21 +49,20 @@ def quiet() -> Console:
 def test_an_evaluation_leaves_everything_and_a_rerun_is_the_same(request_for):
     request = request_for()
     results = evaluate_scenes(request, quiet())
-    assert results["rows"] == [
+    assert results.rows == [
         "normal", "uniform", "random", "zebra prompt", "zebra shuffled", "zebra",
     ]  # fmt: skip
-    assert results["views"] == 8
-    assert set(results["by_scene"]) == {"clear", "foggy"}
-    own = results["all"]["zebra"]["total"]
+    assert results.views == 8
+    assert set(results.by_scene) == {"clear", "foggy"}
+    own = results.all["zebra"]["total"]
     assert set(own) == {"car", "vehicle"}
     for number in own["car"].values():
-        if number["value"] is not None:
-            assert number["low"] <= number["high"]
-    assert len(results["comparisons"]) == 5 * 2
+        if number.value is not None:
+            assert number.low <= number.high
+    assert len(results.comparisons) == 5 * 2
 
     out = request.out
-    stored = json.loads((out / "results.json").read_text())
-    assert stored == json.loads(json.dumps(results))
+    assert read_record(Evidence, out / "results.json") == results
     text = (out / "results.md").read_text()
     assert "zebra shuffled" in text
     named = [line[2 : line.index("]")] for line in text.splitlines() if line.startswith("![")]
@@ -79,8 +80,8 @@ def test_an_evaluation_leaves_everything_and_a_rerun_is_the_same(request_for):
 def test_the_grid_gives_views_and_weathers(request_for, tmp_path):
     request = request_for("grid", views=3, grid="paper", controls=(), textures=())
     results = evaluate_scenes(request, quiet())
-    assert results["rows"] == ["normal"]
-    places = {part["place"] for part in results["sections"]["distance"]}
+    assert results.rows == ["normal"]
+    places = {part.place for part in results.sections["distance"]}
     assert places <= {6.0, 9.0, 12.0, 15.0}
 
 

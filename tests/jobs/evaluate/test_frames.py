@@ -59,20 +59,20 @@ def test_the_etron_meets_a_frame_and_the_sedan_does_not(tmp_path):
     vehicle = build.build_vehicle(scene)
     options = {"fov": 90.0, "kept": tmp_path / "fits", "seed": 0}
     frames = read_frames(tmp_path, vehicle, scene.weather(), **options)
-    (record,) = frames.records
-    assert record["used"]
-    assert record["median"] <= 3
+    (fit,) = frames.fits
+    assert fit.used
+    assert fit.median <= 3
     # What the scene file of the frames states, found by a fit that began elsewhere.
-    assert record["lift"] == pytest.approx(-0.700, abs=0.02)
+    assert fit.lift == pytest.approx(-0.700, abs=0.02)
     assert frames.photograph(0).shape == (1, 3, 800, 800)
-    assert read_frames(tmp_path, vehicle, scene.weather(), **options).records == frames.records
+    assert read_frames(tmp_path, vehicle, scene.weather(), **options).fits == frames.fits
 
     request = Request((ROOT / "scenes" / "etron_clear.yaml",), tmp_path, carla=tmp_path)
     (stage,) = build_stages(request, [])
     assert stage.rows[:2] == ["photograph", "normal"]
     assert isinstance(stage.renderer, OverFrames)
     assert (stage.name, stage.shots) == (tmp_path.name, frames.shots)
-    assert stage.notes == {"frames": frames.records}
+    assert stage.frames == frames.fits
 
     sedan = build.build_vehicle(load_scene(ROOT / "scenes" / "sedan_clear.yaml"))
     with pytest.raises(RunError, match="meets no frame"):

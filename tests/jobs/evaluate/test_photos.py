@@ -35,10 +35,10 @@ def test_numbers_are_those_of_pycocotools(tmp_path):
     ]
     results = judge_photos(labelled, {"d": Seen(detections, NAMES)}, seed=0)
     expected = pycocotools_precisions(detections, truths, None).mean()
-    found = results["all"]["normal"]["d"]["car"]["AP_coco"]
-    assert found["value"] == pytest.approx(expected, abs=1e-4)  # rounded for JSON
-    assert found["low"] < found["value"] < found["high"]
-    assert results["comparisons"] == []
+    found = results.all["normal"]["d"]["car"]["AP_coco"]
+    assert found.value == pytest.approx(expected, abs=1e-4)  # rounded for JSON
+    assert found.low < found.value < found.high
+    assert results.comparisons == []
 
 
 def test_ignored_objects_are_neither_hit_nor_false_alarm():
@@ -91,17 +91,17 @@ def test_rows_are_folders_and_a_dark_car_is_a_truck(request_for):
     make, detector = request_for
     request = make(paper_figures=True)
     results = evaluate_photos(request, Console(quiet=True))
-    assert results["rows"] == ["normal", "CNCA"]
-    assert results["photos"] == {"normal": 20, "CNCA": 20}
+    assert results.rows == ["normal", "CNCA"]
+    assert results.photos == {"normal": 20, "CNCA": 20}
     ap = {
-        (row, column): results["all"][row]["brightness"][column]["AP_voc"]["value"]
-        for row in results["rows"]
+        (row, column): results.all[row]["brightness"][column]["AP_voc"].value
+        for row in results.rows
         for column in ("car", "vehicle")
     }
     assert ap == {
         ("normal", "car"): 1, ("normal", "vehicle"): 1, ("CNCA", "car"): 0, ("CNCA", "vehicle"): 1,
     }  # fmt: skip
-    assert {each["verdict"] for each in results["comparisons"]} == {"lower"}
+    assert {found.verdict for found in results.comparisons} == {"lower"}
     text = (request.out / "results.md").read_text()
     assert "| CNCA | 0.000 [0.000, 0.000] | 0.363 |" in text
     assert "quoted from the paper" in text

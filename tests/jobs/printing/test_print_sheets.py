@@ -12,8 +12,9 @@ from rich.console import Console
 
 from cnca.core.errors import RunError
 from cnca.core.images import write_texture_srgb
+from cnca.core.records import read_record
 from cnca.jobs.printing import sheets
-from cnca.jobs.printing.print_sheets import artwork, print_sheets, read_scale
+from cnca.jobs.printing.print_sheets import SheetReport, artwork, print_sheets, read_scale
 from cnca.jobs.printing.printed_run import Run, predict, read_run
 from cnca.jobs.printing.sheets import (
     MARGIN,
@@ -25,6 +26,7 @@ from cnca.jobs.printing.sheets import (
     printed_area,
     write_pdf,
 )
+from cnca.judge.records import Estimate
 from cnca.vehicle.builtin.sedan import build_sedan
 from cnca.vehicle.model import Part, Vehicle
 from cnca.vehicle.uv.develop import Panel, develop
@@ -193,26 +195,24 @@ def test_the_whole_command_on_the_sedan(tmp_path):
     texture[:, 16:] = 0.5
     _run(tmp_path, texture)
     report = print_sheets(tmp_path, tmp_path / "sheets.pdf", scale=43, console=Console(quiet=True))
-    assert json.loads((tmp_path / "sheets.json").read_text()) == report
+    assert read_record(SheetReport, tmp_path / "sheets.json") == report
     assert (tmp_path / "sheets.pdf").read_bytes().startswith(b"%PDF")
-    assert report["colours"]["largest"] > 10
+    assert report.color_change["largest"] > 10
     panels, share = develop(build_sedan())
-    assert report["printed_share"] == pytest.approx(share, abs=1e-4)
-    for row, panel in zip(report["panels"], panels, strict=True):
-        assert row["width"] == pytest.approx(panel.size[0] * 1000 / 43, abs=0.01)
+    assert report.printed_share == pytest.approx(share, abs=1e-4)
+    for row, panel in zip(report.panels, panels, strict=True):
+        assert row.width == pytest.approx(panel.size[0] * 1000 / 43, abs=0.01)
     text = (tmp_path / "sheets.md").read_text()
     assert "printing takes away" in text
-    assert report["prediction"]["views"] == 2
-    seen = report["prediction"]["detectors"]["builtin"]
-    score = seen["score"]
-    assert seen["difference"]["value"] == pytest.approx(
-        score["print"]["value"] - score["texture"]["value"], abs=2e-4
-    )
+    assert report.prediction.views == 2
+    seen = report.prediction.detectors["builtin"]
+    fall = seen.score["print"].value - seen.score["texture"].value
+    assert seen.difference.value == pytest.approx(fall, abs=2e-4)
 
 
 def test_what_prints_as_it_is_loses_nothing(tmp_path):
     _run(tmp_path, np.full((32, 32, 3), 0.5, np.float32))
     run: Run = read_run(tmp_path)
     same = predict(run, run.texture, Console(quiet=True))
-    assert same["detectors"]["builtin"]["difference"] == {"value": 0, "low": 0, "high": 0}
+    assert same.detectors["builtin"].difference == Estimate(0, 0, 0)
     assert torch.equal(run.texture, run.paint.resize(run.texture))

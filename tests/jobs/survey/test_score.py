@@ -8,8 +8,10 @@ import pytest
 from scipy import stats
 
 from cnca.core.errors import RunError
+from cnca.core.records import read_record
 from cnca.jobs.survey.answers import FILES, STORE, Sheet, Store, Survey, read_survey
 from cnca.jobs.survey.score import (
+    SurveyScores,
     compare,
     holm,
     participant_means,
@@ -38,10 +40,10 @@ def test_means_are_those_of_participants():
 def test_mean_and_deviation_are_numpys():
     scores = np.array([1.0, 2.5, 3.0, 5.0])
     own = summarize(scores)
-    assert own["value"] == pytest.approx(np.mean(scores), abs=5e-5)
-    assert own["standard_deviation"] == pytest.approx(np.std(scores, ddof=1), abs=5e-5)
-    assert 1 < own["low"] < own["value"] < own["high"] < 5
-    assert summarize(scores[:1])["standard_deviation"] is None
+    assert own.value == pytest.approx(np.mean(scores), abs=5e-5)
+    assert own.standard_deviation == pytest.approx(np.std(scores, ddof=1), abs=5e-5)
+    assert 1 < own.low < own.value < own.high < 5
+    assert summarize(scores[:1]).standard_deviation is None
 
 
 @pytest.mark.parametrize("differences", [[1.5, -0.5, 2, 3, 1], [1, 2, 3, 4, 5, 6, -7, 8]])
@@ -62,9 +64,9 @@ def test_wilcoxon_with_ties_counts_all_signs():
 
 def test_no_difference_has_p_1():
     assert wilcoxon(np.zeros(9)) == 1
-    compared = compare(["x", "y", "z"], np.full((4, 3), 2.5))
-    assert compared["friedman"]["p"] == 1
-    assert [pair["p_holm"] for pair in compared["pairs"]] == [1, 1, 1]
+    friedman, pairs = compare(["x", "y", "z"], np.full((4, 3), 2.5))
+    assert friedman.p == 1
+    assert [pair.p_holm for pair in pairs] == [1, 1, 1]
 
 
 def test_holm_by_hand():
@@ -79,13 +81,13 @@ def test_friedman_is_its_closed_form():
     n, k = means.shape
     sums = stats.rankdata(means, axis=1).sum(axis=0)
     expected = 12 / (n * k * (k + 1)) * (sums**2).sum() - 3 * n * (k + 1)
-    found = compare(["x", "y", "z"], means)["friedman"]
-    assert found["statistic"] == pytest.approx(expected)
-    assert found["p"] == pytest.approx(stats.chi2.sf(expected, k - 1))
+    friedman, _ = compare(["x", "y", "z"], means)
+    assert friedman.statistic == pytest.approx(expected)
+    assert friedman.p == pytest.approx(stats.chi2.sf(expected, k - 1))
 
 
 def test_two_sources_need_no_friedman():
-    assert compare(["x", "y"], np.array([[1.0, 2], [2, 4]]))["friedman"] is None
+    assert compare(["x", "y"], np.array([[1.0, 2], [2, 4]]))[0] is None
 
 
 def answer(folder, participants: int, seed: int = 0) -> None:
@@ -109,12 +111,12 @@ def test_a_survey_from_answers_to_tables(folder):
     late = {"survey": survey.id, "participant": "f" * 32, "revision": 1, "answers": {}}
     (folder / FILES / "late.json").write_text(json.dumps(late))
     results = score_survey(folder)
-    assert (results["participants"], results["left_out"]) == (20, 1)
-    assert [each["source"] for each in results["sources"]] == ["CNCA", "FCA", "Normal"]
-    by_pair = {(each["first"], each["second"]): each for each in results["pairs"]}
-    assert by_pair["FCA", "Normal"]["p_holm"] < 0.001 > by_pair["CNCA", "Normal"]["p_holm"]
-    assert results["friedman"]["p"] < 0.001
-    assert json.loads((folder / "score.json").read_text()) == results
+    assert (results.participants, results.left_out) == (20, 1)
+    assert [score.source for score in results.sources] == ["CNCA", "FCA", "Normal"]
+    by_pair = {(pair.first, pair.second): pair for pair in results.pairs}
+    assert by_pair["FCA", "Normal"].p_holm < 0.001 > by_pair["CNCA", "Normal"].p_holm
+    assert results.friedman.p < 0.001
+    assert read_record(SurveyScores, folder / "score.json") == results
     text = (folder / "score.md").read_text().splitlines()
     layout = next(i for i, line in enumerate(text) if line.startswith("| Images"))
     assert text[layout + 3] == "| Source | CNCA | FCA | Normal |"
@@ -122,8 +124,8 @@ def test_a_survey_from_answers_to_tables(folder):
         picture = line.split(")")[0]
         assert (folder / picture).is_file()
         assert survey.sources[picture.split("/")[1].removesuffix(".jpg")] == path
-    normal = results["sources"][2]
-    printed = f"{normal['value']:.2f} ± {normal['standard_deviation']:.2f}"
+    normal = results.sources[2]
+    printed = f"{normal.value:.2f} ± {normal.standard_deviation:.2f}"
     assert text[layout + 2].endswith(f"| {printed} |")
     assert printed.replace("±", r"\pm") in (folder / "score.tex").read_text()
 

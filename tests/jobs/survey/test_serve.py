@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cnca.core.errors import RunError
+from cnca.core.records import as_json
 from cnca.jobs.survey.answers import KEY, Survey, read_sheets
 from cnca.jobs.survey.serve import MOST_BYTES, SurveyServer
 from tests.jobs.survey.server import serving
@@ -26,7 +27,7 @@ SURVEY = Survey(
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / KEY).write_text(json.dumps(SURVEY.as_dict()))
+    (tmp_path / KEY).write_text(json.dumps(as_json(SURVEY)))
     (tmp_path / "index.html").write_text("<title>the page</title>")
     return tmp_path
 
