@@ -14,8 +14,9 @@ from cnca.core.images import write_texture_srgb
 from cnca.core.records import read_record
 from cnca.detect import BUILTIN_CONFIG, load_detector
 from cnca.detect.weights import stored_tensors
-from cnca.jobs.harden import Hardening, Request, harden, make_cast, markdown, scene_of
+from cnca.jobs.harden import Change, Hardening, Request, harden, make_cast, markdown, scene_of
 from cnca.judge.candidates import parse_candidates
+from cnca.judge.records import Estimate
 from cnca.scene.schema import load_scene
 from cnca.train import detector_pictures as detector_data
 
@@ -106,9 +107,8 @@ def test_texture_without_a_run(tmp_path):
 
 def test_table():
     """The verdict is on the difference, whose interval is narrower than theirs."""
-    number = {"value": 0.5, "low": 0.25, "high": 0.75}
-    rows = {"zebra": {name: {"before": number, "after": number, "verdict": "higher"}
-                      for name in ("AP_voc", "score")}}  # fmt: skip
-    text = markdown({"views": 30, "rows": rows})
+    number = Estimate(0.5, 0.25, 0.75)
+    change = Change(number, number, Estimate(0.0, 0.0, 0.0), "higher")
+    text = markdown(Hardening(30, {"zebra": {"AP_voc": change, "score": change}}, {}))
     assert "| zebra | 0.50 [0.25, 0.75] | 0.50 [0.25, 0.75] | higher |" in text
     assert "30 held-out views" in text
