@@ -38,7 +38,7 @@ from tables import markdown
 from cnca import build
 from cnca.core.files import write_text
 from cnca.core.manifest import versions
-from cnca.effects.plan import LADDERS
+from cnca.effects.fog import FogEffect
 from cnca.mi_bridge.fog import solve_fog
 from cnca.mi_bridge.light import make_light
 from cnca.mi_bridge.renderer import MitsubaRenderer
@@ -65,8 +65,7 @@ def main() -> None:
     options = parser.parse_args()
 
     scene = load_scene(options.scene)
-    renderer = build.build_renderer(scene, build.build_vehicle(scene), samples=SAMPLES)
-    assert isinstance(renderer, MitsubaRenderer)
+    renderer = build.build_path_tracer(scene, build.build_vehicle(scene), samples=SAMPLES)
     known = json.loads(options.out.read_text()) if options.out.exists() else {}
     rows, commands = known.get("rows", []), known.get("made_by", [])
     commands.append(" ".join(["python", *sys.argv]))
@@ -125,7 +124,7 @@ def solver(
     light = make_light(weather, renderer.ground_albedo)
     assert weather.fog is not None
     medians = {}
-    for model in LADDERS["fog"][1:]:
+    for model in FogEffect.models[1:]:
         seconds = []
         for _ in range(TIMED):
             started = time.process_time()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -27,17 +27,21 @@ from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files, load_detector
 from cnca.detect.classes import CAR, vehicle_labels
 from cnca.effects.plan import Demand
+from cnca.effects.protocols import PlanningRenderer
 from cnca.scene import shipped
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
 from cnca.scene.paint import Paint
-from cnca.scene.protocols import Detector, LoopRenderer, Renderer, Residual, TextureGenerator
+from cnca.scene.protocols import Detector, LoopRenderer, Residual, TextureGenerator
 from cnca.scene.schema import CarlaCamera, Scene
 from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.masks import pad_mask, paint_mask
 from cnca.world.model import World
 from cnca.world.resolve import resolve_world
+
+if TYPE_CHECKING:
+    from cnca.mi_bridge.renderer import MitsubaRenderer
 
 BACKENDS = ("mitsuba", "raster", "cached")
 CACHE_FACTOR = 4
@@ -108,13 +112,25 @@ def build_renderer(
     backend: str = "mitsuba",
     samples: int | None = None,
     demand: Demand | None = None,
-) -> Renderer:
+) -> PlanningRenderer:
     """The path tracer, whichever ``backend`` a loop has: it judges them all.
 
     Raises CncaError for an unknown name.
     """
     if not is_own_backend(backend):
         parse_backend(backend)
+    return build_path_tracer(scene, vehicle, samples=samples, demand=demand)
+
+
+def build_path_tracer(
+    scene: Scene, vehicle: Vehicle, *, samples: int | None = None, demand: Demand | None = None
+) -> MitsubaRenderer:
+    """The path tracer with all that only Mitsuba knows.
+
+    Args:
+        samples: rays per pixel; by default the scene's.
+        demand: which effects to render how; by default the usual ones.
+    """
     from cnca.mi_bridge.renderer import MitsubaRenderer
 
     ground = srgb_to_linear(torch.tensor(scene.ground.color))
@@ -163,13 +179,10 @@ def build_loop_renderer(
     from cnca.mi_bridge.backgrounds import KeptBackgrounds
     from cnca.mi_bridge.lookups import LookupRenderer
     from cnca.mi_bridge.raster import PlainShading
-    from cnca.mi_bridge.renderer import MitsubaRenderer
     from cnca.mi_bridge.shading_cache import TracedShading
 
     name, refresh = parse_backend(backend)
-    renderer = build_renderer(scene, vehicle, samples=samples)
-    assert isinstance(renderer, MitsubaRenderer)
-    kept = KeptBackgrounds(renderer, paint.apply())
+    kept = KeptBackgrounds(build_path_tracer(scene, vehicle, samples=samples), paint.apply())
     if name == "mitsuba":
         return kept
     if vehicle.glass.transmission > 0:

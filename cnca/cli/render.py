@@ -46,7 +46,8 @@ def render_scene(
 ) -> None:
     """Render a scene file: the picture, and a JSON record beside it."""
     from cnca.cli import render_output as terminal
-    from cnca.effects.plan import Demand, parse_effects
+    from cnca.effects.catalog import parse_effects
+    from cnca.effects.plan import Demand
     from cnca.jobs.render_scene import render_scene
 
     records = render_scene(

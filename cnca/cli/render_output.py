@@ -36,7 +36,7 @@ def _plan_table(plan: list[dict[str, Any]]) -> Table:
         table.add_column(name, no_wrap=name != "why")
     for row in plan:
         numbers = f"{row['error']:.2%}", f"{row['time_share']:.0%}"
-        table.add_row(row["effect"], row["model"], row["why"], *numbers)
+        table.add_row(row["effect"], str(row["model"]), row["why"], *numbers)
     return table
 
 

@@ -17,8 +17,10 @@ from cnca.core.images import write_exr
 from cnca.core.manifest import versions, write_json
 from cnca.core.pictures import as_pictures, write_png
 from cnca.core.types import LinearImages
-from cnca.effects.plan import Demand, explain
-from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.effects.effect import Model
+from cnca.effects.explain import explain
+from cnca.effects.plan import Demand
+from cnca.effects.protocols import PlanningRenderer
 from cnca.scene.cameras import View
 from cnca.scene.schema import Scene, load_scene
 
@@ -60,11 +62,9 @@ def render_scene(
         build.read_texture(texture) if texture else None
     )
     demand = demand or Demand()
-    named = {"samples": str(samples)} if samples else {}
-    forced = {"gradient": "off"} | named | dict(demand.forced)
-    demand = replace(demand, forced=forced)
+    named: dict[str, Model] = {"samples": samples} if samples else {}
+    demand = replace(demand, forced={"gradient": "off", **named, **demand.forced})
     renderer = build.build_renderer(scene, vehicle, demand=demand)
-    assert isinstance(renderer, MitsubaRenderer)  # layers are Mitsuba's
     records = []
     for each in views:
         path = out.with_name(f"{out.stem}_{each.name}{out.suffix}") if all_views else out
@@ -78,7 +78,7 @@ def render_scene(
             "view": asdict(each),
             "seed": seed,
             "samples": plan.samples,
-            "plan": explain(plan),
+            "plan": [asdict(row) for row in explain(plan)],
             "seconds": {"first": first, "steady": steady},
             "vehicle_box_xyxy": box,
             "versions": versions(),
@@ -90,7 +90,7 @@ def render_scene(
 
 @torch.no_grad()
 def _timed(
-    renderer: MitsubaRenderer, albedo: torch.Tensor, view: View, scene: Scene, seed: int
+    renderer: PlanningRenderer, albedo: torch.Tensor, view: View, scene: Scene, seed: int
 ) -> tuple[LinearImages, float]:
     """The picture and its seconds; a first call makes kernels, sky and fog."""
     started = time.perf_counter()
@@ -98,7 +98,7 @@ def _timed(
     return images, round(time.perf_counter() - started, 4)
 
 
-def _write(path: Path, images: LinearImages, renderer: MitsubaRenderer, view: View) -> None:
+def _write(path: Path, images: LinearImages, renderer: PlanningRenderer, view: View) -> None:
     if path.suffix.lower() == ".png":
         write_png(path, as_pictures(linear_to_srgb(images))[0])
         return

@@ -46,7 +46,7 @@ class Geometry:
             ground_albedo: linear RGB in [0, 1].
             texture_size: texels per side of the texture on everything painted.
             props: other things that stand around; painted ones wear the vehicle's texture.
-            materials: model of :data:`cnca.effects.plan.LADDERS` for every part.
+            materials: model of :class:`cnca.effects.surfaces.MaterialsEffect` for every part.
             glass: likewise; "pane" makes thin panes of what lets light through.
             world: what stands around the vehicle's middle; by default flat, endless ground.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -15,28 +14,13 @@ from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.rays import Cameras, average_samples
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
+from cnca.scene.layers import Layers
 
 MASK_SAMPLES = 8
 MOST_HOLES = 32
 """Leaves that a look may pass."""
 INSIDE_SHARE = 0.95
 """A camera that sees the vehicle in more than this share of the sky is inside of it."""
-
-
-@dataclass(frozen=True)
-class Layers:
-    """First hits; all but the mask belong to the ray through the pixel's centre."""
-
-    mask: Float[np.ndarray, "views height width"]
-    """Share of the pixel that the vehicle covers, in [0, 1]."""
-    depth: Float[np.ndarray, "views height width"]
-    """Distance from the camera along the ray in metres; infinite for the sky."""
-    uv: Float[np.ndarray, "views height width 2"]
-    """Texture coordinates, v upwards; zero off the vehicle."""
-    normal: Float[np.ndarray, "views height width 3"]
-    """Unit shading normal in world axes; zero for the sky."""
-    albedo: Float[np.ndarray, "views height width 3"]
-    """Linear diffuse reflectance with the texture that was rendered last."""
 
 
 def vehicle_mask(

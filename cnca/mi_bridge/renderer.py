@@ -1,4 +1,4 @@
-"""The Mitsuba backend: a :class:`cnca.scene.protocols.Renderer`."""
+"""The Mitsuba backend: a :class:`cnca.effects.protocols.PlanningRenderer`."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from jaxtyping import Float, Int
 
 from cnca.core.errors import TextureError
 from cnca.core.types import Boxes, LinearImages, LinearTexture
+from cnca.effects.catalog import amounts
+from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan, plan
-from cnca.effects.prices import Subject, mean_over_area
+from cnca.effects.subject import Contents, Subject
 from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.finite import refuse_non_finite
 from cnca.mi_bridge.fog import FogField, solve_fog
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
-from cnca.mi_bridge.layers import Layers, first_hits, mask_boxes, refuse_inside, vehicle_mask
+from cnca.mi_bridge.layers import first_hits, mask_boxes, refuse_inside, vehicle_mask
 from cnca.mi_bridge.light import lambertian_white, make_light
 from cnca.mi_bridge.memory import refuse_too_many, samples_at_once
 from cnca.mi_bridge.rays import Cameras
 from cnca.scene.cameras import View
+from cnca.scene.layers import Layers
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Part, Vehicle
 from cnca.world.model import World
@@ -69,17 +72,17 @@ class MitsubaRenderer:
             bounces: surface reflections of a path, likewise; 1 is sun and sky alone.
             exposure: factor on the metered exposure.
             props: other things that stand around; painted ones wear the vehicle's texture.
-            demand: which effects to render how; by default the usual ones.
+            demand: which effects to render how, unless a picture asks for something else; by
+                default the usual ones.
             world: what stands around the vehicle, which faces +x in its origin.
         """
         self.vehicle = vehicle
         self.ground_albedo = np.asarray(ground_albedo, dtype=np.float64)
-        usual = {"samples": str(samples), "interreflection": str(bounces)}
-        self.demand = replace(demand or Demand(), usual=usual)
+        self._demand = demand or Demand()
+        self._usual: dict[str, Model] = {"samples": samples, "interreflection": bounces}
         self.exposure = exposure
         everything = replace(vehicle, parts=(*vehicle.parts, *props))
-        self._coat = mean_over_area(everything, lambda material: material.clearcoat)
-        self._glass = mean_over_area(everything, lambda material: material.transmission)
+        self._amounts = amounts(Contents(everything, world))
 
         self._forward_share = lru_cache(ForwardShare)
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
@@ -87,15 +90,27 @@ class MitsubaRenderer:
         texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
         self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props, world=world)
         # What is most likely asked for, since kernels go on holding code of what was built before.
-        best = {"materials": "coat" if self._coat else "principled"}
-        best |= {"glass": "pane" if self._glass else "dark"} | dict(self.demand.forced)
-        self._worn = (best["materials"], best["glass"])
+        best: dict[str, Model] = {
+            "materials": "coat" if self._amounts["materials"] else "principled",
+            "glass": "pane" if self._amounts["glass"] else "dark",
+            **self._demand.forced,
+        }
+        self._worn = (str(best["materials"]), str(best["glass"]))
         self.geometry = self._build(*self._worn)
 
     def render(
-        self, albedo: LinearTexture, views: Sequence[View], weather: Weather, *, seed: int
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        *,
+        seed: int,
+        demand: Demand | None = None,
     ) -> LinearImages:
-        """Exposed linear images (views, 3, height, width); :class:`cnca.scene.protocols.Renderer`.
+        """Exposed linear images (views, 3, height, width).
+
+        Args:
+            demand: which effects to render how; None is what the renderer was made with.
 
         Raises:
             TextureError: the texture has another shape than (3, size, size), holds NaN, or leaves
@@ -103,7 +118,8 @@ class MitsubaRenderer:
             NonFiniteError: a view, or a gradient in the backward pass, holds NaN or infinity.
             BackendError: there is too little memory.
         """
-        return self._expose(albedo, views, weather, None, seed).permute(0, 3, 1, 2)
+        chosen = self.plan(albedo, views, weather, demand=demand)
+        return self._expose(albedo, views, chosen, None, seed).permute(0, 3, 1, 2)
 
     def render_pixels(
         self,
@@ -119,26 +135,24 @@ class MitsubaRenderer:
 
         ``samples`` are rays per pixel in place of those that the plan takes.
         """
-        return self._expose(albedo, views, weather, pixels, seed, samples)
+        chosen = self.plan(albedo, views, weather, samples=samples)
+        return self._expose(albedo, views, chosen, pixels, seed)
 
     def _expose(
         self,
         albedo: LinearTexture,
         views: Sequence[View],
-        weather: Weather,
+        chosen: EffectPlan,
         pixels: Int[np.ndarray, " pixels"] | None,
         seed: int,
-        samples: int | None = None,
     ) -> Float[torch.Tensor, "*film 3"]:
-        refuse_bad_texture(albedo.detach(), self.texture_size)
-        chosen = self.plan(albedo, views, weather, samples=samples)
         if chosen["gradient"] == "off":
             albedo = albedo.detach()
         shots = self.shots(chosen, views, pixels, seed=seed)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
         images = render(texture, shots)
-        refuse_non_finite(images, texture, shots[0].cameras, weather, seed)
+        refuse_non_finite(images, texture, shots[0].cameras, chosen.subject.weather, seed)
         return images
 
     def shots(
@@ -151,9 +165,9 @@ class MitsubaRenderer:
         most_rays: int | None = None,
     ) -> list[Shot]:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
-        self._wear(chosen["materials"], chosen["glass"])
+        self._wear(str(chosen["materials"]), str(chosen["glass"]))
         cameras = self._cameras(views, pixels)
-        atmosphere = self._atmosphere(chosen.weather, chosen["sun"], chosen["fog"])
+        atmosphere = self._atmosphere(chosen.weather, str(chosen["sun"]), str(chosen["fog"]))
         part = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
         refuse_too_many(cameras.lanes(part))
         return [
@@ -205,19 +219,29 @@ class MitsubaRenderer:
         weather: Weather,
         *,
         samples: int | None = None,
+        demand: Demand | None = None,
     ) -> EffectPlan:
-        """Which model stands for each effect in these pictures; ``samples`` overrule its own."""
+        """Which model stands for each effect in these pictures.
+
+        Args:
+            samples: rays per pixel, whatever else would be chosen.
+            demand: as in :meth:`render`.
+
+        Raises TextureError as :meth:`render` does.
+        """
+        refuse_bad_texture(albedo.detach(), self.texture_size)
         subject = Subject(
             weather,
             ground=float(self.ground_albedo.mean()),
             paint=float(albedo.detach().mean().clamp(0, 1)),
             fog_path=max(_path_in_layer(self.geometry.local(v), weather) for v in views),
-            coat=self._coat,
-            glass=self._glass,
             pixels_per_metre=min(_pixels_per_metre(self.geometry.local(view)) for view in views),
+            amounts=self._amounts,
         )
-        forced = dict(self.demand.forced) | ({"samples": str(samples)} if samples else {})
-        return plan(subject, replace(self.demand, forced=forced))
+        demand = demand or self._demand
+        if samples:
+            demand = replace(demand, forced={**demand.forced, "samples": samples})
+        return plan(subject, demand, usual=self._usual)
 
     def _cameras(
         self, views: Sequence[View], pixels: Int[np.ndarray, " pixels"] | None = None

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from cnca.core.errors import NonFiniteError, SceneError
 from cnca.core.types import LinearImages, LinearTexture
+from cnca.effects.plan import Demand
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR, Geometry
 from cnca.mi_bridge.light import SUN_HALF_ANGLE, Light
 from cnca.mi_bridge.rays import Cameras, average_samples
@@ -170,10 +171,11 @@ def exposed_volpath(
     *,
     samples: int,
     seed: int,
+    demand: Demand | None = None,
 ) -> LinearImages:
     """What ``volpath`` makes of a view in fog, to compare with what ``renderer`` renders.
 
-    Materials and the sun's width are those of the renderer's demand.
+    Materials and the sun's width are those of ``demand``, or of the renderer's own.
 
     Raises:
         SceneError: there is no fog.
@@ -182,7 +184,7 @@ def exposed_volpath(
     fog = weather.fog
     if fog is None or fog.height == 0:
         raise SceneError("volpath: there is no fog to scatter light; leave volpath out")
-    chosen = renderer.plan(albedo, [view], weather)
+    chosen = renderer.plan(albedo, [view], weather, demand=demand)
     shot = renderer.shots(chosen, [view], None, seed=seed)[0]
     texels = shot.geometry.texture_size
     texture = albedo.detach().expand(3, texels, texels).permute(1, 2, 0)

@@ -9,21 +9,29 @@ from dataclasses import replace
 import pytest
 
 from cnca.core.errors import CncaError
-from cnca.effects.plan import (
-    LADDERS,
-    Demand,
-    explain,
-    parse_effects,
-    plan,
-    predicted_error,
-    predicted_seconds,
-)
-from cnca.effects.prices import Fit, Prices, Subject
+from cnca.effects.catalog import EFFECTS, parse_effects
+from cnca.effects.explain import explain
+from cnca.effects.plan import Demand, plan, predicted_error, predicted_seconds
+from cnca.effects.prices import Fit, Prices
+from cnca.effects.subject import Subject
 from cnca.scene.weather import KOSCHMIEDER, Fog, Weather
 
 CLEAR = Subject(
-    Weather(), ground=0.2, paint=0.3, fog_path=8.0, coat=1.0, glass=0.0, pixels_per_metre=30.0
+    Weather(),
+    ground=0.2,
+    paint=0.3,
+    fog_path=8.0,
+    pixels_per_metre=30.0,
+    amounts={"materials": 1.0, "glass": 0.0},
 )
+LADDERS = {name: effect.models for name, effect in EFFECTS.items()}
+
+
+def holding(subject: Subject, **amounts: float) -> Subject:
+    """With other materials."""
+    return replace(subject, amounts={**subject.amounts, **amounts})
+
+
 FOGGY = replace(CLEAR, weather=Weather(fog=Fog(60.0, 40.0)))
 CONSTANT = (1.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -69,15 +77,15 @@ def test_usual_models():
         "fog": "none",
         "sun": "direction",
         "sky": "map",
-        "interreflection": "2",
+        "interreflection": 2,
         "materials": "coat",
         "glass": "dark",
         "gradient": "texture",
-        "samples": "16",
+        "samples": 16,
     }
     assert plan(FOGGY, Demand())["fog"] == "field"
-    usual = Demand(usual={"samples": "4", "interreflection": "5"})
-    assert (plan(CLEAR, usual).samples, plan(CLEAR, usual).bounces) == (4, 5)
+    chosen = plan(CLEAR, Demand(), usual={"samples": 4, "interreflection": 5})
+    assert (chosen.samples, chosen.bounces) == (4, 5)
 
 
 @pytest.mark.parametrize("demand", [Demand(), Demand(0.05), Demand(reference=True)])
@@ -93,25 +101,25 @@ def test_usual_models():
 def test_what_the_scene_does_not_have_is_off(demand, weather, effect, model):
     subject = replace(CLEAR, weather=weather)
     assert plan(subject, demand, PRICES)[effect] == model
-    row = next(r for r in explain(plan(subject, demand, PRICES), PRICES) if r["effect"] == effect)
-    assert row["error"] == 0
+    row = next(r for r in explain(plan(subject, demand, PRICES), PRICES) if r.effect == effect)
+    assert row.error == 0
 
 
 def test_windows_are_panes_where_they_let_enough_light_through():
     for glass, chosen in ((0.0, "dark"), (0.01, "dark"), (0.1, "pane")):
-        assert plan(replace(CLEAR, glass=glass), Demand(0.05), PRICES)["glass"] == chosen
+        assert plan(holding(CLEAR, glass=glass), Demand(0.05), PRICES)["glass"] == chosen
 
 
 def test_a_matt_vehicle_has_no_coat():
-    assert plan(replace(CLEAR, coat=0.0), Demand(reference=True))["materials"] == "principled"
-    matt = plan(replace(CLEAR, coat=0.01), Demand(0.05), PRICES)
+    assert plan(holding(CLEAR, materials=0.0), Demand(reference=True))["materials"] == "principled"
+    matt = plan(holding(CLEAR, materials=0.01), Demand(0.05), PRICES)
     assert matt["materials"] == "principled", "a hundredth of the coat changes 0.08 %"
 
 
 def test_reference_takes_the_best_of_everything():
-    chosen = plan(replace(FOGGY, glass=0.1), Demand(reference=True))
+    chosen = plan(holding(FOGGY, glass=0.1), Demand(reference=True))
     best = {effect: ladder[-1] for effect, ladder in LADDERS.items()}
-    assert chosen.models == best | {"samples": "1024"}
+    assert chosen.models == best | {"samples": 1024}
 
 
 @pytest.mark.parametrize("visibility", [50_000.0, 1e9])
@@ -122,8 +130,8 @@ def test_thin_fog_is_left_out_and_the_plan_says_by_which_number(visibility):
     length = 8.0 + 20.0 / math.sin(math.radians(40))
     taken = 1 - math.exp(-KOSCHMIEDER / visibility * length)
     row = explain(chosen, PRICES)[0]
-    assert f"at most {taken:.2%}" in row["why"]
-    assert row["error"] == pytest.approx(2.0 * taken, rel=1e-3, abs=1e-6)
+    assert f"at most {taken:.2%}" in row.why
+    assert row.error == pytest.approx(2.0 * taken, rel=1e-3, abs=1e-6)
     assert plan(FOGGY, Demand(0.05), PRICES)["fog"] == "field"
 
 
@@ -140,7 +148,7 @@ def test_the_plan_is_the_cheapest_under_the_target(subject, target):
     )
     for fog, sun, bounces, materials, power in others:
         models = {"fog": fog, "sun": sun, "interreflection": bounces, "materials": materials}
-        models["samples"] = str(2**power)
+        models["samples"] = 2**power
         glints = (sun, materials) == ("direction", "coat")
         if not glints and predicted_error(models, subject, PRICES) <= target:
             assert 2**power * predicted_seconds(models, PRICES) >= cost * (1 - 1e-9)
@@ -151,7 +159,7 @@ def test_a_sun_that_mirrors_in_lacquer_is_a_disc_unless_asked_for_by_name():
     assert plan(CLEAR, Demand(0.02), PRICES).models["materials"] == "coat"
     assert plan(CLEAR, Demand(0.02), PRICES)["sun"] == "disc"
     assert plan(CLEAR, Demand(0.02, forced={"sun": "direction"}), PRICES)["materials"] == "coat"
-    assert plan(replace(CLEAR, coat=0.0), Demand(0.2), PRICES)["sun"] == "direction"
+    assert plan(holding(CLEAR, materials=0.0), Demand(0.2), PRICES)["sun"] == "direction"
 
 
 def test_a_smaller_target_never_predicts_a_larger_error():
@@ -164,18 +172,18 @@ def test_a_smaller_target_never_predicts_a_larger_error():
 def test_a_target_out_of_reach_is_said_to_be():
     chosen = plan(CLEAR, Demand(1e-6), PRICES)
     assert chosen["materials"] == "coat"
-    assert "OVER the target" in explain(chosen, PRICES)[-1]["why"]
+    assert "OVER the target" in explain(chosen, PRICES)[-1].why
 
 
 def test_what_is_asked_for_by_name_stays():
-    forced = {"sun": "disc", "interreflection": "7", "samples": "3", "fog": "none"}
+    forced = {"sun": "disc", "interreflection": 7, "samples": 3, "fog": "none"}
     for demand in (Demand(forced=forced), Demand(0.02, forced=forced), Demand(None, True, forced)):
         chosen = plan(FOGGY, demand, PRICES)
         assert {effect: chosen[effect] for effect in forced} == forced
         assert chosen.weather.fog is None
-    rows = {row["effect"]: row for row in explain(chosen, PRICES)}
-    assert rows["fog"]["why"] == "asked for by name"
-    assert rows["fog"]["error"] > 0
+    rows = {row.effect: row for row in explain(chosen, PRICES)}
+    assert rows["fog"].why == "asked for by name"
+    assert rows["fog"].error > 0
 
 
 def test_a_model_without_a_price_is_never_chosen_and_said_to_have_none():
@@ -183,11 +191,11 @@ def test_a_model_without_a_price_is_never_chosen_and_said_to_have_none():
     assert plan(FOGGY, Demand(0.1), PRICES)["fog"] == "single"
     assert plan(FOGGY, Demand(0.1), unpriced)["fog"] == "field"
     row = explain(plan(FOGGY, Demand(forced={"fog": "single"}), unpriced), unpriced)[0]
-    assert row["why"] == "asked for by name; its error was never measured and is not counted"
+    assert row.why == "asked for by name; its error was never measured and is not counted"
     rows = explain(
         plan(FOGGY, Demand(forced={"fog": "single", "sun": "direction"}), PRICES), PRICES
     )
-    assert not any("never measured" in row["why"] for row in rows)
+    assert not any("never measured" in row.why for row in rows)
 
 
 def test_an_effect_that_the_scene_lacks_cannot_be_forced_into_it():
@@ -196,7 +204,7 @@ def test_an_effect_that_the_scene_lacks_cannot_be_forced_into_it():
 
 def test_shares_of_the_time_add_up():
     rows = explain(plan(FOGGY, Demand(), PRICES), PRICES)
-    assert sum(row["time_share"] for row in rows[:-1]) == pytest.approx(1, abs=1e-3)
+    assert sum(row.time_share for row in rows[:-1]) == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +225,7 @@ def test_unknown_names_are_errors(settings, message):
 def test_settings_are_read():
     assert parse_effects(["fog=none", "interreflection=5"]) == {
         "fog": "none",
-        "interreflection": "5",
+        "interreflection": 5,
     }
 
 

@@ -8,14 +8,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cnca.effects.prices import QUANTILE, Subject, fit, mean_over_area, shipped_prices
+from cnca.effects.catalog import EFFECTS
+from cnca.effects.effect import Model
+from cnca.effects.fog import fog_share
+from cnca.effects.prices import QUANTILE, fit, shipped_prices
+from cnca.effects.subject import Subject, mean_over_area
 from cnca.scene.materials import MATERIALS
 from cnca.scene.weather import Fog, Weather
 from cnca.vehicle.model import Part, Vehicle
 
 SUBJECT = Subject(
-    Weather(), ground=0.2, paint=0.3, fog_path=8.0, coat=1.0, glass=0.0, pixels_per_metre=30.0
+    Weather(),
+    ground=0.2,
+    paint=0.3,
+    fog_path=8.0,
+    pixels_per_metre=30.0,
+    amounts={"materials": 1.0, "glass": 0.0},
 )
+
+
+def error(effect: str, model: Model, subject: Subject = SUBJECT) -> float:
+    """Predicted by the prices that ship."""
+    return EFFECTS[effect].error(model, subject, shipped_prices())
 
 
 def with_weather(**keys) -> Subject:
@@ -23,11 +37,11 @@ def with_weather(**keys) -> Subject:
 
 
 def test_fog_takes_nothing_in_its_limits_and_all_when_thick():
-    assert SUBJECT.fog_share == 0
-    assert with_weather(fog=Fog(10, height=0)).fog_share == 0
-    assert with_weather(fog=Fog(1e12)).fog_share < 1e-7
-    assert with_weather(fog=Fog(0.1)).fog_share == pytest.approx(1)
-    shares = [with_weather(fog=Fog(v)).fog_share for v in (30, 100, 1000, 50_000)]
+    assert fog_share(SUBJECT) == 0
+    assert fog_share(with_weather(fog=Fog(10, height=0))) == 0
+    assert fog_share(with_weather(fog=Fog(1e12))) < 1e-7
+    assert fog_share(with_weather(fog=Fog(0.1))) == pytest.approx(1)
+    shares = [fog_share(with_weather(fog=Fog(v))) for v in (30, 100, 1000, 50_000)]
     assert shares == sorted(shares, reverse=True)
 
 
@@ -58,7 +72,7 @@ def test_features_are_finite_for_every_sun_and_fog():
     for altitude in (-90, -1e-9, 0, 1e-9, 90):
         for fog in (None, Fog(1e-3), Fog(1e12), Fog(10, height=0)):
             subject = replace(with_weather(sun_altitude=altitude, fog=fog), ground=0, paint=0)
-            assert np.isfinite([*subject.features(), subject.fog_share]).all()
+            assert np.isfinite([*subject.features(), fog_share(subject)]).all()
 
 
 def test_the_fit_finds_a_power_law_and_stays_above_nine_of_ten():
@@ -75,13 +89,11 @@ def test_the_fit_finds_a_power_law_and_stays_above_nine_of_ten():
 def test_shipped_prices_are_those_of_a_renderer():
     """What must hold of any measurement: better models err less, cost more."""
     prices = shipped_prices()
-    bounces = [prices.error("interreflection", str(n), SUBJECT) for n in (1, 2, 3, 4, 8)]
+    bounces = [error("interreflection", n) for n in (1, 2, 3, 4, 8)]
     assert bounces == sorted(bounces, reverse=True)
-    assert prices.error("materials", "diffuse", SUBJECT) > prices.error(
-        "materials", "principled", SUBJECT
-    )
-    assert prices.error("fog", "none", SUBJECT) == 0
-    assert prices.error("sun", "direction", with_weather(sun_altitude=-5)) == 0
+    assert error("materials", "diffuse") > error("materials", "principled")
+    assert error("fog", "none") == 0
+    assert error("sun", "direction", with_weather(sun_altitude=-5)) == 0
     assert prices.noise_of(64, SUBJECT) < prices.noise_of(16, SUBJECT) < 1
     rate = -prices.noise.weights[-1]
     assert 0.4 < rate < 1, "between independent and well-spread samples"

@@ -14,10 +14,9 @@ from jaxtyping import Float
 
 from cnca import build
 from cnca.mi_bridge import bridge
-from cnca.mi_bridge.layers import Layers
 from cnca.mi_bridge.light import Light, lambertian_white, make_light
-from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
+from cnca.scene.layers import Layers
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.weather import Weather
 
@@ -61,9 +60,7 @@ class Stage:
         self.weather, self.views = self.scene.weather(), build.build_views(self.scene)
         vehicle = build.build_vehicle(self.scene)
         self.texture = build.build_paint(self.scene, vehicle).apply()
-        renderer = build.build_renderer(self.scene, vehicle)
-        assert isinstance(renderer, MitsubaRenderer)
-        self.renderer = renderer
+        self.renderer = build.build_path_tracer(self.scene, vehicle)
 
     def images(self, texture: torch.Tensor | None = None, seed: int = 0) -> torch.Tensor:
         """Exposed linear pictures (views, 3, height, width), by default of the scene's paint."""

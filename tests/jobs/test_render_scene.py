@@ -137,9 +137,9 @@ def plan_of(tmp_path) -> dict[str, dict]:
 def test_the_plan_holds_models_errors_and_shares_of_the_time(cnca, tmp_path):
     cnca("-o", str(tmp_path / "a.png"))
     rows = plan_of(tmp_path)
-    assert rows["interreflection"]["model"] == "2"
+    assert rows["interreflection"]["model"] == 2
     assert rows["gradient"]["model"] == "off"
-    assert rows["samples"]["model"] == "4"
+    assert rows["samples"]["model"] == 4
     assert 0 < rows["interreflection"]["error"] < rows["samples"]["error"] < rows["all"]["error"]
     assert sum(row["time_share"] for row in rows.values()) == pytest.approx(2, abs=2e-3)
 
@@ -148,9 +148,9 @@ def test_a_target_error_chooses_models_and_samples(cnca, tmp_path):
     cnca("-o", str(tmp_path / "a.png"), "--target-error", "0.15")
     rows = plan_of(tmp_path)
     assert rows["all"]["error"] <= 0.15
-    assert rows["samples"]["model"] != "4"
+    assert rows["samples"]["model"] != 4
     cnca("-o", str(tmp_path / "a.png"), "--target-error", "0.15", "--spp", "8")
-    assert plan_of(tmp_path)["samples"]["model"] == "8"
+    assert plan_of(tmp_path)["samples"]["model"] == 8
 
 
 def test_reference_and_effects_by_name(cnca, tmp_path):
@@ -158,8 +158,8 @@ def test_reference_and_effects_by_name(cnca, tmp_path):
         "-o", str(tmp_path / "a.png"), "--reference", "--spp", "2", "--effect", "materials=diffuse"
     )
     models = {effect: row["model"] for effect, row in plan_of(tmp_path).items()}
-    assert (models["sun"], models["interreflection"]) == ("disc", "8")
-    assert (models["materials"], models["samples"]) == ("diffuse", "2")
+    assert (models["sun"], models["interreflection"]) == ("disc", 8)
+    assert (models["materials"], models["samples"]) == ("diffuse", 2)
 
 
 def test_an_unknown_effect_ends_with_one_line(monkeypatch, tmp_path, capsys):

@@ -31,12 +31,12 @@ def make_kernels(vehicle: Vehicle):
     renderer = MitsubaRenderer(vehicle, texture_size=8, samples=4)
 
     def of(weather: Weather, *, learns: bool = False, **forced: str) -> list[dict]:
-        renderer.demand = Demand(forced={"samples": "4"} | forced)
+        demand = Demand(forced={"samples": 4, **forced})
         gc.collect()  # kernels hold the code of all materials that exist, whoever made them
         texture = torch.full((3, 8, 8), 0.5, requires_grad=learns)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            image = renderer.render(texture, [orbit()], weather, seed=0)
+            image = renderer.render(texture, [orbit()], weather, seed=0, demand=demand)
             if image.requires_grad:
                 image.sum().backward()
             history = dr.kernel_history([dr.KernelType.JIT])

@@ -119,13 +119,10 @@ def test_without_fog_there_is_nothing_to_compare(renderer):
 def test_thin_fog_is_exposed_as_our_own_renderer_does(renderer, height, sun):
     """So thin that the fog's model hardly matters, from inside of the layer and from above it."""
     weather, view = replace(WEATHER, fog=Fog(20_000, height)), orbit(width=12, height=12)
-    demand, renderer.demand = renderer.demand, Demand(forced={"sun": sun, "samples": "64"})
-    try:
-        with torch.no_grad():
-            ours = renderer.render(GREY, [view], weather, seed=1)
-        theirs = exposed_volpath(renderer, GREY, view, weather, samples=256, seed=2)
-    finally:
-        renderer.demand = demand
+    demand = Demand(forced={"sun": sun, "samples": 64})
+    with torch.no_grad():
+        ours = renderer.render(GREY, [view], weather, seed=1, demand=demand)
+    theirs = exposed_volpath(renderer, GREY, view, weather, samples=256, seed=2, demand=demand)
     where = torch.from_numpy(renderer.vehicle_mask([view])[0] == 1)
     a, b = (float(image[0, :, where].mean()) for image in (ours, theirs))
     assert a == pytest.approx(b, rel=0.02)

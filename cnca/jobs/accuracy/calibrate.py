@@ -21,6 +21,8 @@ from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.manifest import versions, write_json
 from cnca.core.progress import bar
+from cnca.effects.catalog import EFFECTS
+from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan
 from cnca.effects.prices import Prices, fit
 from cnca.jobs.accuracy.fidelity import (
@@ -30,17 +32,12 @@ from cnca.jobs.accuracy.fidelity import (
     squared_noise,
     vehicle_pixels,
 )
-from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog, Weather
 
-MODELS = (
-    *(("fog", "none"), ("fog", "airlight"), ("fog", "single"), ("sun", "direction")),
-    *(("interreflection", str(bounces)) for bounces in (1, 2, 3, 4)),
-    *(("materials", "principled"), ("materials", "diffuse"), ("glass", "dark")),
-)
-"""What is priced: (effect, model)."""
+MODELS = [(effect, model) for effect in EFFECTS.values() for model in effect.priced]
+"""What is priced."""
 SIZE, LARGE = 64, 192
 """Pixels per side of the pictures that are compared, and of the larger ones of the noise."""
 SAMPLES = 256
@@ -102,9 +99,7 @@ class Studio:
     """Renders one case with the models that are asked for."""
 
     def __init__(self, case: Case):
-        renderer = build.build_renderer(case.scene, build.build_vehicle(case.scene))
-        assert isinstance(renderer, MitsubaRenderer)
-        self.renderer = renderer
+        self.renderer = build.build_renderer(case.scene, build.build_vehicle(case.scene))
         self.look(case)
 
     def look(self, case: Case) -> None:
@@ -114,15 +109,16 @@ class Studio:
 
     def plan(self, demand: Demand) -> EffectPlan:
         """What the demand comes to in this case."""
-        self.renderer.demand = demand
-        return self.renderer.plan(self.case.albedo, [self.case.view], self.case.weather)
+        case = self.case
+        return self.renderer.plan(case.albedo, [case.view], case.weather, demand=demand)
 
     @torch.no_grad()
     def picture(self, demand: Demand, seed: int) -> Pixels:
         """Pixels of the vehicle."""
-        self.renderer.demand = demand
         case = self.case
-        image = self.renderer.render(case.albedo, [case.view], case.weather, seed=seed)
+        image = self.renderer.render(
+            case.albedo, [case.view], case.weather, seed=seed, demand=demand
+        )
         return vehicle_pixels(image, self.mask)
 
     def halves(self, demand: Demand) -> tuple[tuple[Pixels, Pixels], float]:
@@ -135,9 +131,9 @@ class Studio:
         return (first, second), seconds / rays * 1e6
 
 
-def demand(samples: int, **forced: str) -> Demand:
+def demand(samples: int, **forced: Model) -> Demand:
     """The reference's models but for those named."""
-    return Demand(reference=True, forced={"samples": str(samples)} | forced)
+    return Demand(reference=True, forced={"samples": samples, **forced})
 
 
 def measure(case: Case) -> dict[str, Any]:
@@ -147,20 +143,20 @@ def measure(case: Case) -> dict[str, Any]:
     best = studio.plan(full)
     reference, seconds = studio.halves(full)
     timed = [{"models": dict(best.models), "seconds": seconds}]
-    errors = {}
+    errors, known = {}, {}
     for effect, model in MODELS:
-        lower = demand(SAMPLES, **{effect: model})
-        if studio.plan(lower)[effect] == best[effect] or best[effect] in ("none", "off"):
+        lower = demand(SAMPLES, **{effect.name: model})
+        if studio.plan(lower)[effect.name] == best[effect.name]:
             continue
         pictures, seconds = studio.halves(lower)
         bias, uncertainty = squared_bias(pictures, reference)
         # What noise hides counts as large as the noise.
-        errors[f"{effect}={model}"] = float(max(bias, uncertainty) ** 0.5)
+        errors[effect.key(model)] = float(max(bias, uncertainty) ** 0.5)
+        known[effect.key(model)] = effect.share(model, best.subject)
         timed.append({"models": dict(studio.plan(lower).models), "seconds": seconds})
-    subject = best.subject
     return {
-        "features": subject.features(),
-        "known": {key: subject.known(key) for key in errors},
+        "features": best.subject.features(),
+        "known": known,
         "errors": errors,
         "noise": measure_noise(studio),
         "timed": timed,
@@ -186,7 +182,7 @@ def fit_prices(records: list[dict[str, Any]]) -> Prices:
     """Prices that explain what :func:`measure` found in many cases."""
     errors = {}
     for effect, model in MODELS:
-        key = f"{effect}={model}"
+        key = effect.key(model)
         known = [r for r in records if key in r["errors"]]
         if not known:
             raise RunError(f"{len(records)} scenes: none of them shows {key}; take more scenes")
@@ -199,17 +195,14 @@ def fit_prices(records: list[dict[str, Any]]) -> Prices:
 
 def _fit_seconds(records: list[dict[str, Any]]) -> dict[str, float]:
     """Seconds of the models that are not the cheapest, none of them negative."""
-    parts = ["rays", "interreflection", "fog=airlight", "fog=single", "fog=field"]
-    parts += ["sun=direction", "sun=disc", "materials=principled", "materials=coat"]
-    parts += ["glass=pane"]
+    parts = [part for effect in EFFECTS.values() for part in effect.parts]
     rows, seconds = [], []
-    for one in (timed for record in records for timed in record["timed"]):
-        models = one["models"]
-        present = {"rays", *(f"{effect}={model}" for effect, model in models.items())}
-        row = [float(part in present) for part in parts]
-        row[1] = int(models["interreflection"]) - 1
-        rows.append(row)
-        seconds.append(one["seconds"])
+    for timed in (timed for record in records for timed in record["timed"]):
+        work: dict[str, float] = {}
+        for name, model in timed["models"].items():
+            work |= EFFECTS[name].work(model)
+        rows.append([work.get(part, 0.0) for part in parts])
+        seconds.append(timed["seconds"])
     solution, _ = nnls(np.array(rows), np.array(seconds))
     return {part: round(float(s), 5) for part, s in zip(parts, solution, strict=True)}
 

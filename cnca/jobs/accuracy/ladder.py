@@ -16,7 +16,10 @@ from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.manifest import versions, write_json
 from cnca.core.progress import bar
-from cnca.effects.plan import Demand, explain
+from cnca.effects.catalog import EFFECTS
+from cnca.effects.effect import Model, Numbered
+from cnca.effects.explain import explain
+from cnca.effects.plan import Demand
 from cnca.jobs.accuracy.fidelity import (
     gradient_agreement,
     mean_bias,
@@ -54,17 +57,16 @@ def ladder() -> Iterator[Rung]:
     """What the plan chooses; samples × reflections; other models and resolutions."""
     for target in TARGETS:
         yield Rung(f"plan for {target:.0%}", Demand(target), target=target)
-    for samples in ("1", "4", "16", "64", "256"):
-        usual = {"samples": samples}
-        for bounces in ("1", "2", "3"):
-            forced = usual | {"interreflection": bounces}
-            yield Rung(f"{samples} spp, {bounces} reflections", Demand(forced=forced))
-        for effect, model in (
-            *(("sun", "disc"), ("fog", "none"), ("fog", "airlight"), ("fog", "single")),
-            *(("materials", "principled"), ("materials", "diffuse"), ("glass", "dark")),
-        ):
-            demand = Demand(forced=usual | {effect: model})
-            yield Rung(f"{samples} spp, {effect} {model}", demand)
+    named = [effect for effect in EFFECTS.values() if not isinstance(effect, Numbered)]
+    for samples in (1, 4, 16, 64, 256):
+        usual: dict[str, Model] = {"samples": samples}
+        for bounces in (1, 2, 3):
+            demand = Demand(forced={**usual, "interreflection": bounces})
+            yield Rung(f"{samples} spp, {bounces} reflections", demand)
+        for effect in named:
+            for model in effect.compared:
+                demand = Demand(forced={**usual, effect.name: model})
+                yield Rung(f"{samples} spp, {effect.name} {model}", demand)
         yield Rung(f"{samples} spp, half resolution", Demand(forced=usual), scale=0.5)
 
 
@@ -88,7 +90,7 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
         "target": rung.target,
         "models": dict(plan.models),
         "scale": rung.scale,
-        "predicted_error": explain(plan)[-1]["error"],
+        "predicted_error": explain(plan)[-1].error,
         "seconds": {"first": seconds[0], "steady": _fastest(seconds[1:])},
         "error": root(float(np.mean([square for square, _ in squares]))),
         "bias": root(float(bias)),

@@ -22,7 +22,6 @@ from cnca.core.types import LinearImages
 from cnca.effects.plan import Demand, EffectPlan
 from cnca.jobs.accuracy.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
 from cnca.judge.scores import detection_score
-from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.volpath import exposed_volpath
 from cnca.scene.cameras import View
 from cnca.scene.protocols import Detector
@@ -46,30 +45,27 @@ class Bench:
 
     def __init__(self, scene: Scene, view: View, detector: Detector):
         vehicle = build.build_vehicle(scene)
-        renderer = build.build_renderer(scene, vehicle)
-        assert isinstance(renderer, MitsubaRenderer)
-        self.renderer, self.view, self.weather = renderer, view, scene.weather()
+        self.renderer = build.build_path_tracer(scene, vehicle)
+        self.view, self.weather = view, scene.weather()
         self.albedo = build.build_paint(scene, vehicle).apply()
-        self.mask = renderer.vehicle_mask([view])[0] == 1
-        self.boxes = renderer.vehicle_boxes([view])
+        self.mask = self.renderer.vehicle_mask([view])[0] == 1
+        self.boxes = self.renderer.vehicle_boxes([view])
         self.detector = detector
         self.label = build.vehicle_label(detector.class_names)
 
     def plan(self, demand: Demand) -> EffectPlan:
         """What the demand comes to here."""
-        self.renderer.demand = demand
-        return self.renderer.plan(self.albedo, [self.view], self.weather)
+        return self.renderer.plan(self.albedo, [self.view], self.weather, demand=demand)
 
     def shoot(
         self, demand: Demand, seed: int, scale: float = 1.0
     ) -> tuple[LinearImages, Tensor, dict[str, float]]:
         """Picture, gradient of the vehicle's mean radiance, processor seconds of both passes."""
-        self.renderer.demand = demand
         width, height = (max(round(scale * n), 1) for n in (self.view.width, self.view.height))
         view = replace(self.view, width=width, height=height)
         albedo = self.albedo.clone().requires_grad_()
         started = time.process_time()
-        image = self.renderer.render(albedo, [view], self.weather, seed=seed)
+        image = self.renderer.render(albedo, [view], self.weather, seed=seed, demand=demand)
         rendered = time.process_time()
         if scale != 1:
             size = (self.view.height, self.view.width)
@@ -83,7 +79,13 @@ class Bench:
         """The same view by Mitsuba's own volumetric path tracer, which gives no gradient."""
         samples = self.plan(demand).samples
         return exposed_volpath(
-            self.renderer, self.albedo, self.view, self.weather, samples=samples, seed=seed
+            self.renderer,
+            self.albedo,
+            self.view,
+            self.weather,
+            samples=samples,
+            seed=seed,
+            demand=demand,
         )
 
     def pixels(self, image: LinearImages) -> Pixels:
@@ -122,7 +124,7 @@ def converge(
     With ``volpath`` its pictures are Mitsuba's; its gradients stay ours, for volpath has none.
     """
     reference = _read_reference(path)
-    demand = Demand(reference=True, forced={"samples": str(ROUND)})
+    demand = Demand(reference=True, forced={"samples": ROUND})
     with bar(console) as progress:
         task = progress.add_task("reference", total=MOST_ROUNDS, completed=reference.rounds)
         while reference.rounds < MOST_ROUNDS:

@@ -29,7 +29,6 @@ from cnca.core.types import LinearTexture
 from cnca.effects.plan import Demand
 from cnca.jobs.datasets.layout import DataSet, Mask
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
-from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
 from cnca.scene.grid import COLOURS, SHARING, Grid, Setting
 from cnca.scene.schema import Scene, load_scene
@@ -97,9 +96,8 @@ class _Stage:
     def __init__(self, scene: Scene, samples: int):
         vehicle = build.build_vehicle(scene)
         demand = Demand(forced={"gradient": "off"})
-        renderer = build.build_renderer(scene, vehicle, samples=samples, demand=demand)
-        assert isinstance(renderer, MitsubaRenderer)
-        self._renderer, self._paint = renderer, build.build_paint(scene, vehicle)
+        self._renderer = build.build_renderer(scene, vehicle, samples=samples, demand=demand)
+        self._paint = build.build_paint(scene, vehicle)
         self._albedo = lru_cache(self._make_albedo)
         # One place for the last surroundings: no pose comes back once it is left.
         self._around = lru_cache(1)(self._render_around)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cnca.core.errors import RunError
-from cnca.effects.prices import TYPICAL
+from cnca.effects.subject import TYPICAL
 from cnca.jobs.accuracy.calibrate import MODELS, fit_prices, obtained_error, random_case
 
 HELD_OUT = range(2000, 2012)
@@ -36,9 +36,10 @@ def test_cases_are_the_same_for_the_same_seed():
 
 def record(ground: float) -> dict:
     """What a renderer with known laws would measure."""
-    errors = {f"{effect}={model}": 0.5 * ground for effect, model in MODELS}
-    models = {"interreflection": "2", "sun": "direction", "fog": "none", "materials": "coat"}
-    more = models | {"interreflection": "3"}
+    errors = {effect.key(model): 0.5 * ground for effect, model in MODELS}
+    models = {"interreflection": 2, "sun": "direction", "fog": "none", "materials": "coat"}
+    models |= {"samples": 16}
+    more = models | {"interreflection": 3}
     return {
         "features": [1.0, np.log(ground), 0.0, 0.0, 0.0],
         "known": {key: 0.5 if key == "fog=none" else 1.0 for key in errors},

@@ -25,9 +25,9 @@ image: {width: 32, height: 32, samples: 4}
 """
 RUNGS = [
     Rung("plan for 20%", Demand(0.2), target=0.2),
-    Rung("16 spp", Demand(forced={"samples": "16"})),
-    Rung("1 reflection", Demand(forced={"samples": "16", "interreflection": "1"})),
-    Rung("half resolution", Demand(forced={"samples": "16"}), scale=0.5),
+    Rung("16 spp", Demand(forced={"samples": 16})),
+    Rung("1 reflection", Demand(forced={"samples": 16, "interreflection": 1})),
+    Rung("half resolution", Demand(forced={"samples": 16}), scale=0.5),
 ]
 
 
@@ -177,7 +177,7 @@ def foggy(scene):
 
 def test_volpath_is_the_truth_about_fog(foggy, monkeypatch):
     """The mean over the vehicle agrees with ours; without fog it does not."""
-    rungs = [RUNGS[1], Rung("no fog", Demand(forced={"samples": "16", "fog": "none"}))]
+    rungs = [RUNGS[1], Rung("no fog", Demand(forced={"samples": 16, "fog": "none"}))]
     monkeypatch.setattr(command, "ladder", lambda: iter(rungs))
     monkeypatch.setattr(reference_module, "ROUND", 128)
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
