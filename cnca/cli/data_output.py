@@ -33,10 +33,10 @@ def dataset(scene: Path, out: Path, **options: Any) -> None:
 
     console = Console(stderr=True, quiet=parallel.rank() > 0)
     report = render_dataset(scene, out, console=console, **options)
-    speed = report["per_second"]
+    speed = report.per_second
     rate = f", {parallel.count() * speed:.2f} a second" if speed else ""
     Console().print(
-        f"{out}: {report['rendered']} pictures rendered{rate}, {report['done']} there in all",
+        f"{out}: {report.rendered} pictures rendered{rate}, {report.done} there in all",
         soft_wrap=True,
     )
 
@@ -46,31 +46,30 @@ def reorder_uv(source: Source, out: Path, size: int) -> None:
     from cnca.jobs.vehicle.reorder_uv import reorder_uv as write_reordered
 
     report, shown = write_reordered(source, out, size=size), Console()
-    listed = Table("layout", f"before: {report['was']}", "after")
+    listed = Table("layout", f"before: {report.was}", "after")
     for key, meaning in _LAYOUT.items():
-        listed.add_row(meaning, *(f"{report[when][key]:.4g}" for when in ("before", "after")))
+        listed.add_row(
+            meaning, *(f"{getattr(layout, key):.4g}" for layout in (report.before, report.after))
+        )
     shown.print(listed)
-    shown.print(f"scene: vehicle: {json.dumps(report['vehicle'])}", soft_wrap=True)
+    shown.print(f"scene: vehicle: {json.dumps(report.vehicle)}", soft_wrap=True)
     for ending in ("obj", "json", "png"):
         shown.print(out.with_suffix(f".{ending}"), soft_wrap=True)
 
 
 def import_carla(folder: Path, out: Path, scene: Path, *, fov: float) -> None:
     """Turn frames into a data set with progress, then say how well the mesh meets them."""
+    from cnca.jobs.datasets.carla import FrameProblem
     from cnca.jobs.datasets.carla import import_carla as import_frames
 
     listed = Table("frame", "lift, m", "outline, px: median", "90th percentile")
     for record in import_frames(folder, out, scene, fov=fov, console=Console(stderr=True)):
-        if "problem" in record:
-            listed.add_row(record["source"], record["problem"], "", "")
+        if isinstance(record, FrameProblem):
+            listed.add_row(record.source, record.problem, "", "")
             continue
-        pixels = record["outline_pixels"]
-        numbers = (
-            f"{record['lift']:.3f}",
-            f"{pixels['median']:.1f}",
-            f"{pixels['percentile_90']:.1f}",
-        )
-        listed.add_row(record["source"], *numbers)
+        pixels = record.outline_pixels
+        numbers = f"{record.lift:.3f}", f"{pixels.median:.1f}", f"{pixels.percentile_90:.1f}"
+        listed.add_row(record.source, *numbers)
     Console().print(listed)
     Console().print(out, soft_wrap=True)
 

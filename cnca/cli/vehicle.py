@@ -31,16 +31,16 @@ def check_vehicle(
     given = {"up": up, "front": front, "scale": scale}
     report = check_vehicle(mesh, out, **{k: v for k, v in given.items() if v is not None})
     if json:
-        typer.echo(text.dumps(report, indent=2))
+        typer.echo(text.dumps(report.content(), indent=2))
     else:
-        for finding in report["findings"]:
-            typer.echo(finding["line"])
-        typer.echo("usable" if report["usable"] else "not usable as it is")
-        typer.echo(f"scene: vehicle: {text.dumps(report['vehicle'])}")
+        for finding in report.findings:
+            typer.echo(finding.line())
+        typer.echo("usable" if report.usable else "not usable as it is")
+        typer.echo(f"scene: vehicle: {text.dumps(report.vehicle)}")
         if out is not None:
             typer.echo(out / "vehicle.png")
             typer.echo(out / "scene.yaml")
-    raise typer.Exit(0 if report["usable"] else 1)
+    raise typer.Exit(0 if report.usable else 1)
 
 
 @app.command("print-sheets", rich_help_panel=VEHICLES)

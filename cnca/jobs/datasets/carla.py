@@ -6,9 +6,9 @@ frame's vertical offset is fitted to the photograph, and the outline that result
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -39,9 +39,46 @@ class Fit:
     mask: Mask
 
 
+@dataclass(frozen=True)
+class OutlineDistance:
+    """How far the drawn and the photographed outline lie apart, in pixels."""
+
+    median: float
+    percentile_90: float
+
+
+@dataclass(frozen=True)
+class Transforms:
+    """Location (m) and rotation (degrees) as CARLA gives them, 2 × 3."""
+
+    vehicle: Sequence[Sequence[float]]
+    camera: Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """What the data set says of one frame."""
+
+    source: str
+    caption: str
+    lift: float
+    """Metres; see :func:`cnca.scene.carla.carla_view`."""
+    outline_pixels: OutlineDistance
+    view: View
+    carla: Transforms
+
+
+@dataclass(frozen=True)
+class FrameProblem:
+    """Why a frame is not in the data set."""
+
+    source: str
+    problem: str
+
+
 def import_carla(
     folder: Path, out: Path, scene_file: Path, *, fov: float = 90.0, console: Console
-) -> list[dict[str, Any]]:
+) -> list[FrameRecord | FrameProblem]:
     """Make the data set ``out`` of all ``.npz`` frames in ``folder``; see :mod:`.layout`.
 
     Beside the layout's files, ``outlines/000000.png`` shows the outline on the photograph.
@@ -51,7 +88,7 @@ def import_carla(
         fov: horizontal field of view of the camera in degrees.
 
     Returns:
-        One record for each frame; where no vehicle was found it holds only source and problem.
+        One record for each frame.
 
     Raises:
         RunError: there is no frame in ``folder``.
@@ -61,19 +98,19 @@ def import_carla(
     if not sources:
         raise RunError(f"{folder}: no .npz frames in this folder; give the one that holds them")
     vehicle, data = build.build_vehicle(load_scene(scene_file)), DataSet(out)
-    records = []
+    records: list[FrameRecord | FrameProblem] = []
     with bar(console) as shown:
         for index, source in enumerate(shown.track(sources, description="frames")):
             frame = read_carla_frame(source)
             try:
                 fit = fit_frame(vehicle, frame, fov=fov, name=source.stem)
             except SceneError as error:
-                records.append({"source": source.name, "problem": str(error)})
+                records.append(FrameProblem(source.name, str(error)))
                 continue
             picture = np.rint(frame.image * 255).astype(np.uint8)
             write_png(data.path("outlines", index), draw_outline(picture, fit.mask))
-            data.add(index, picture, fit.mask, _record(source.name, frame, fit))
-            records.append(data.record(index))
+            records.append(_record(source.name, frame, fit))
+            data.add(index, picture, fit.mask, records[-1])
     data.finish(tar=False)
     return records
 
@@ -118,15 +155,12 @@ def _fit_from(start: float, vehicle: Vehicle, frame: CarlaFrame, fov: float, nam
     return Fit(lift, median, high, fitted, drawn.astype(float))
 
 
-def _record(source: str, frame: CarlaFrame, fit: Fit) -> dict[str, Any]:
-    return {
-        "source": source,
-        "caption": f"{fit.view.name}: {fit.median:.1f} px",
-        "lift": round(fit.lift, 3),
-        "outline_pixels": {
-            "median": round(fit.median, 2),
-            "percentile_90": round(fit.percentile_90, 2),
-        },
-        "view": asdict(fit.view),
-        "carla": {"vehicle": frame.vehicle.tolist(), "camera": frame.camera.tolist()},
-    }
+def _record(source: str, frame: CarlaFrame, fit: Fit) -> FrameRecord:
+    return FrameRecord(
+        source=source,
+        caption=f"{fit.view.name}: {fit.median:.1f} px",
+        lift=round(fit.lift, 3),
+        outline_pixels=OutlineDistance(round(fit.median, 2), round(fit.percentile_90, 2)),
+        view=fit.view,
+        carla=Transforms(frame.vehicle.tolist(), frame.camera.tolist()),
+    )

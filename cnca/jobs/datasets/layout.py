@@ -18,8 +18,9 @@ import io
 import json
 import tarfile
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -30,6 +31,10 @@ from cnca.core.errors import RunError
 from cnca.core.files import replacing
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, draw_boxes, side_by_side, write_png
+from cnca.core.records import as_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 CATEGORY = {"id": 3, "name": "car", "supercategory": "vehicle"}
 """As in COCO, so that detectors trained there need no other table."""
@@ -56,12 +61,13 @@ class DataSet:
         """Whether a picture is done."""
         return self.path("records", index).exists()
 
-    def add(self, index: int, picture: SrgbPicture, mask: Mask, record: dict[str, Any]) -> None:
+    def add(self, index: int, picture: SrgbPicture, mask: Mask, record: DataclassInstance) -> None:
         """Write one picture, its mask (shares in [0, 1]) and its record."""
         write_png(self.path("images", index), picture)
         grey = (mask * 255).round().astype(np.uint8)
         write_png(self.path("masks", index), np.repeat(grey[..., None], 3, axis=2))
-        write_json(self.path("records", index), {"index": index} | box_and_size(mask) | record)
+        content = {"index": index} | as_json(extent_of(mask)) | as_json(record)
+        write_json(self.path("records", index), content)
 
     def indices(self) -> list[int]:
         """Numbers of all pictures that are done."""
@@ -115,13 +121,23 @@ class DataSet:
                     tar.addfile(member, io.BytesIO(content))
 
 
-def box_and_size(mask: Mask) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Extent:
+    """Pixels of a picture and of the vehicle in it."""
+
+    height: int
+    width: int
+    box_xyxy: tuple[int, int, int, int]
+
+
+def extent_of(mask: Mask) -> Extent:
     """Size of the picture and box of all pixels that the vehicle touches, xyxy."""
     left, top, width, height = cv2.boundingRect((mask > 0).astype(np.uint8))
+    box = left, top, left + width, top + height
     if width == 0:
         raise RunError("a picture without the vehicle has no place in the data set")
-    box = [left, top, left + width, top + height]
-    return {"height": mask.shape[0], "width": mask.shape[1], "box_xyxy": box}
+    height, width = mask.shape
+    return Extent(height, width, box)
 
 
 def coco(records: list[dict[str, Any]], masks: Iterable[Mask]) -> dict[str, Any]:
@@ -145,7 +161,7 @@ def coco(records: list[dict[str, Any]], masks: Iterable[Mask]) -> dict[str, Any]
     return {"images": images, "annotations": annotations, "categories": [CATEGORY]}
 
 
-def run_lengths(mask: Mask) -> dict[str, Any]:
+def run_lengths(mask: Mask) -> dict[str, list[int]]:
     """COCO's uncompressed run lengths: columns one after the other, first how many are empty."""
     covered = (mask >= COVERED).T.ravel()
     changes = np.flatnonzero(np.diff(covered.astype(np.int8))) + 1

@@ -8,7 +8,7 @@ one pose and weather share what lies around the vehicle, seen beside its plain p
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
 from cnca.core.manifest import hashes, versions, write_json
-from cnca.core.pictures import as_pictures
+from cnca.core.pictures import SrgbPicture, as_pictures
 from cnca.core.progress import bar
 from cnca.core.types import LinearTexture
 from cnca.effects.plan import Demand
@@ -52,7 +52,7 @@ def render_dataset(
     tar: bool = False,
     samples: int | None = None,
     console: Console,
-) -> dict[str, Any]:
+) -> Rendered:
     """Render what is missing of the first ``images`` pictures; see :mod:`.layout`.
 
     Args:
@@ -60,10 +60,6 @@ def render_dataset(
         shard: which part of them to render, such as 2/4.
         tar: whether to pack the pictures for WebDataset, too.
         samples: rays per pixel; by default the scene's.
-
-    Returns:
-        How many pictures were rendered, how many there are, and this process's last rate in
-        pictures a second (None where less than two were rendered).
 
     Raises:
         RunError: the folder holds another data set, or a number is out of range.
@@ -87,7 +83,27 @@ def render_dataset(
         per_second = shown.tasks[0].speed
     rendered = sum(parallel.gathered([len(missing)]))
     parallel.by_first(lambda: data.finish(tar=tar))
-    return {"rendered": rendered, "done": len(data.indices()), "per_second": per_second}
+    return Rendered(rendered, len(data.indices()), per_second)
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What one call has done for a data set."""
+
+    rendered: int
+    done: int
+    """Pictures that are there now."""
+    per_second: float | None
+    """This process's last rate; None where fewer than two were rendered."""
+
+
+@dataclass(frozen=True)
+class RenderedRecord(Setting):
+    """What the data set says of one picture."""
+
+    srgb: tuple[float, float, float]
+    seed: int
+    caption: str
 
 
 class _Stage:
@@ -103,7 +119,7 @@ class _Stage:
         self._around = lru_cache(1)(self._render_around)
 
     @torch.no_grad()
-    def shoot(self, setting: Setting, *, seed: int) -> tuple[Any, np.ndarray, dict[str, Any]]:
+    def shoot(self, setting: Setting, *, seed: int) -> tuple[SrgbPicture, Mask, RenderedRecord]:
         """Picture, mask and record."""
         view, weather = setting.view, setting.weather
         around, mask = self._around(view, weather)
@@ -115,11 +131,12 @@ class _Stage:
         image = image.reshape(1, *mask.shape, 3).permute(0, 3, 1, 2)
         fog = setting.weather.fog
         sight = f", {fog.visibility:.0f} m" if fog else ""
-        record = asdict(setting) | {
-            "srgb": COLOURS[setting.colour],
-            "seed": seed,
-            "caption": f"{setting.colour}, sun {setting.weather.sun_altitude:.0f}{sight}",
-        }
+        record = RenderedRecord(
+            **vars(setting),
+            srgb=COLOURS[setting.colour],
+            seed=seed,
+            caption=f"{setting.colour}, sun {setting.weather.sun_altitude:.0f}{sight}",
+        )
         return as_pictures(linear_to_srgb(image))[0], mask, record
 
     def _make_albedo(self, colour: str) -> LinearTexture:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from cnca.core.errors import MeshError
 from cnca.core.files import write_text
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
+from cnca.core.records import as_json
 from cnca.jobs.vehicle.reorder_uv import SQUARE, checkerboard
 from cnca.scene.cameras import orbit_view
 from cnca.scene.schema import Scene, VehicleSection, load_scene
@@ -38,7 +39,27 @@ EXAMPLE = "builtin:sedan_clear"
 SCENE_ENDINGS = (".yaml", ".yml")
 
 
-def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Checkup:
+    """What there is to say about a vehicle."""
+
+    mesh: str
+    usable: bool
+    """Whether it can be attacked as it is."""
+    findings: Sequence[Finding]
+    """The worst first."""
+    vehicle: Mapping[str, object]
+    """The scene's ``vehicle`` section with the keys that mend what keys can mend."""
+
+    def content(self) -> dict[str, Any]:
+        """What ``vehicle.json`` holds: every finding as its line, too."""
+        content = as_json(self)
+        for plain, finding in zip(content["findings"], self.findings, strict=True):
+            plain["line"] = finding.line()
+        return content
+
+
+def check_vehicle(mesh: str, out: Path | None, **given: object) -> Checkup:
     """Look at a mesh file, ``builtin:NAME`` or the vehicle of a scene file.
 
     Args:
@@ -46,10 +67,6 @@ def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
         out: folder for ``vehicle.json``, ``vehicle.png`` and ``scene.yaml``, a scene with the
             vehicle as mended, and else as the given or the shipped one; None writes nothing.
         given: keys of the scene's vehicle section that stand above the scene's, such as ``up``.
-
-    Returns:
-        ``mesh``, whether it is ``usable``, the ``findings``, each with its ``line``, and the keys
-        of the ``vehicle`` section that mend what keys can mend.
 
     Raises:
         MeshError: the mesh cannot be read at all.
@@ -63,32 +80,33 @@ def check_vehicle(mesh: str, out: Path | None, **given: Any) -> dict[str, Any]:
     section = VehicleSection.model_validate(scene.vehicle.model_dump(exclude_unset=True) | given)
     findings = check(section, scene.base)
     proposed = mended(section, findings)
-    report: dict[str, Any] = {
-        "mesh": section.mesh,
-        "usable": not any(finding.severity == "fault" for finding in findings),
-        "findings": [{**asdict(one), "line": one.line()} for one in findings],
-        "vehicle": proposed.model_dump(exclude_unset=True, exclude_defaults=True)
-        | {"mesh": section.mesh},
-    }
+    keys = proposed.model_dump(exclude_unset=True, exclude_defaults=True)
+    report = Checkup(
+        mesh=section.mesh,
+        usable=not any(finding.severity == "fault" for finding in findings),
+        findings=findings,
+        vehicle=keys | {"mesh": section.mesh},
+    )
     if out is not None:
         write_png(out / "vehicle.png", _sheet(section, proposed, scene.base, findings))
-        write_json(out / "vehicle.json", report)
-        _write_scene(out, mesh if mesh.endswith(SCENE_ENDINGS) else EXAMPLE, report["vehicle"])
+        write_json(out / "vehicle.json", report.content())
+        _write_scene(out, mesh if mesh.endswith(SCENE_ENDINGS) else EXAMPLE, report.vehicle)
     return report
 
 
-def _write_scene(out: Path, example: str, vehicle: dict[str, Any]) -> None:
+def _write_scene(out: Path, example: str, vehicle: Mapping[str, object]) -> None:
     """The scene file ``example`` with another ``vehicle``, whose paths start at the example's."""
     file = scene_file(example)
     base = Path() if example == EXAMPLE else file.parent
-    paths = {key: vehicle[key] for key in ("mesh", "paint_mask", "base_texture") if key in vehicle}
+    named = ("mesh", "paint_mask", "base_texture")
+    paths = {key: str(vehicle[key]) for key in named if key in vehicle}
     moved = {
         key: Path(os.path.relpath(base / path, out)).as_posix()
         for key, path in paths.items()
         if not path.startswith(BUILTIN)
     }
     scene = yaml.safe_load(file.read_text(encoding="utf-8"))
-    scene["vehicle"] = vehicle | moved
+    scene["vehicle"] = {**vehicle, **moved}
     write_text(out / "scene.yaml", yaml.safe_dump(scene, sort_keys=False, default_flow_style=None))
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,13 +18,14 @@ from cnca.core.errors import MeshError, RunError
 from cnca.core.images import SrgbArray, read_mask, read_texture_srgb, write_texture_srgb
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
+from cnca.core.records import as_json
 from cnca.scene.cameras import orbit_view
 from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene
 from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.mesh.write_mesh import write_obj
 from cnca.vehicle.model import Vehicle
-from cnca.vehicle.uv.layout import measure
+from cnca.vehicle.uv.layout import Layout, measure
 from cnca.vehicle.uv.masks import paint_mask
 from cnca.vehicle.uv.rebake import rebake, shown_in
 from cnca.vehicle.uv.reorder import reorder
@@ -49,15 +51,24 @@ class Source:
     base_texture: Path | None = None
 
 
-def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Reordering:
+    """What a new layout gained, measured on the painted faces that can be seen from outside."""
+
+    mesh: str
+    was: str
+    """Whose the layout before was."""
+    before: Layout
+    after: Layout
+    vehicle: Mapping[str, str]
+    """The ``vehicle`` section of a scene that reads the new mesh."""
+
+
+def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32) -> Reordering:
     """Write ``out`` (OBJ), its textures, a report (.json) and a picture (.png) beside it.
 
     The OBJ is in our axes: scenes read it with ``up: z``.  Mask and base texture of ``source`` are
     carried over to ``…_mask.png`` and ``…_base.png`` of ``size``² texels.
-
-    Returns:
-        The report: the layout ``before`` and ``after``, each of :class:`Layout`, of the painted
-        faces that can be seen from outside, what before ``was``, and the scene's ``vehicle``.
 
     Raises:
         MeshError: the mesh cannot be read, or cannot be written under that name.
@@ -73,7 +84,7 @@ def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32
     mask = read_mask(source.paint_mask) if source.paint_mask else None
     result = reorder(vehicle, None if mask is None else shown_in(mask, old.corners))
     new = Skin.of(result.vehicle)
-    section: dict[str, Any] = {"mesh": out.name, "up": "z"}
+    section = {"mesh": out.name, "up": "z"}
     textures = {}
     if mask is not None:
         textures["paint_mask"] = np.repeat(_float(mask)[..., None], 3, axis=2)
@@ -85,14 +96,8 @@ def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32
         section[key] = path.name
     write_obj(out, result.vehicle)
     before, after = (measure(skin, result.outside) for skin in (old, new))
-    report = {
-        "mesh": source.mesh,
-        "was": was,
-        "before": asdict(before),
-        "after": asdict(after),
-        "vehicle": section,
-    }
-    write_json(out.with_suffix(".json"), report)
+    report = Reordering(source.mesh, was, before, after, section)
+    write_json(out.with_suffix(".json"), as_json(report))
     baked = None if mask is None else rebake(_float(mask), old.corners, new.corners, size) > 0.5
     pictures = _pictures(vehicle, mask, samples) + _pictures(result.vehicle, baked, samples)
     captions = ("layout before", "checker before", " ", "layout after", "checker after", " ")
@@ -103,16 +108,18 @@ def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32
 
 def _load(source: Source) -> tuple[Vehicle, str]:
     """The vehicle with its own layout where it has a usable one, else with xatlas' own."""
-    options: dict[str, Any] = {"up": source.up, "front": source.front, "scale": source.scale}
+    read = partial(
+        resolve_vehicle, source.mesh, up=source.up, front=source.front, scale=source.scale
+    )
     try:
-        vehicle = resolve_vehicle(source.mesh, **options)
+        vehicle = read()
     except MeshError as error:
         if "texture coordinates" not in str(error):
             raise
-        return resolve_vehicle(source.mesh, unwrap=True, **options), "xatlas (file: no usable UVs)"
+        return read(unwrap=True), "xatlas (file: no usable UVs)"
     skin = Skin.of(vehicle)
     if measure(skin, np.ones(len(skin.faces), bool)).overlap > OVERLAPPING:
-        return resolve_vehicle(source.mesh, unwrap=True, **options), "xatlas (file: UVs overlap)"
+        return read(unwrap=True), "xatlas (file: UVs overlap)"
     return vehicle, "the file's own"
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Finding:
     number: str
     mend: str = ""
     """The command that mends it, or what to do elsewhere."""
-    keys: dict[str, Any] = field(default_factory=dict)
+    keys: Mapping[str, object] = field(default_factory=dict)
     """Keys of the scene's vehicle section that mend it."""
 
     def line(self) -> str:
@@ -78,18 +78,18 @@ def check(section: VehicleSection, base: Path) -> list[Finding]:
 
 def mended(section: VehicleSection, findings: Sequence[Finding]) -> VehicleSection:
     """The section with all keys that the findings propose."""
-    keys: dict[str, Any] = {}
+    keys: dict[str, object] = {}
     for finding in findings:
         keys |= finding.keys
-    if "materials" in keys:
-        keys["materials"] = section.materials | keys["materials"]
+    if isinstance(materials := keys.get("materials"), dict):
+        keys["materials"] = section.materials | materials
     return section.model_copy(update=keys)
 
 
-def as_yaml(value: Any) -> str:
+def as_yaml(value: object) -> str:
     """A value or mapping on one line."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {as_yaml(each)}" for key, each in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {as_yaml(part)}" for key, part in value.items()) + "}"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from cnca import build
 from cnca.core.errors import RunError
-from cnca.jobs.datasets.carla import import_carla
+from cnca.jobs.datasets.carla import FrameProblem, FrameRecord, import_carla
 from cnca.scene.carla import carla_view
 from cnca.scene.schema import Scene
 from cnca.vehicle.outline import silhouette
@@ -41,7 +41,7 @@ def write_frame(path: Path, yaw: float, lift: float = LIFT) -> None:
     np.savez(path, img=(image + noise).astype(np.uint8), veh_trans=vehicle, cam_trans=camera)
 
 
-def run(folder: Path, out: Path, scene: Path) -> list[dict]:
+def run(folder: Path, out: Path, scene: Path) -> list:
     return import_carla(folder, out, scene, console=Console(quiet=True))
 
 
@@ -51,10 +51,10 @@ def test_drawn_frames_are_fitted_and_written(tmp_path, scene):
     write_frame(frames / "a.npz", yaw=30)
     write_frame(frames / "b.npz", yaw=200, lift=-0.53)
     records = run(frames, out, scene)
-    assert [record["source"] for record in records] == ["a.npz", "b.npz"]
+    assert [record.source for record in records] == ["a.npz", "b.npz"]
     for record, lift in zip(records, (LIFT, -0.53), strict=True):
-        assert record["lift"] == pytest.approx(lift, abs=0.02)
-        assert record["outline_pixels"]["median"] <= 1
+        assert record.lift == pytest.approx(lift, abs=0.02)
+        assert record.outline_pixels.median <= 1
     picture = cv2.imread(str(out / "images/000000.png"))[..., ::-1]
     mask = cv2.imread(str(out / "masks/000000.png"), cv2.IMREAD_GRAYSCALE) > 127
     red, _, blue = picture[mask].mean(axis=0)
@@ -73,8 +73,8 @@ def test_frames_without_the_vehicle_are_named(tmp_path, scene):
     stored["cam_trans"][1, 1] = 120.0
     np.savez(tmp_path / "b.npz", **stored)
     good, bad = run(tmp_path, tmp_path / "out", scene)
-    assert "problem" not in good
-    assert set(bad) == {"source", "problem"}
+    assert isinstance(good, FrameRecord)
+    assert isinstance(bad, FrameProblem)
 
 
 def test_a_folder_without_frames_is_refused(tmp_path, scene):
@@ -91,6 +91,6 @@ def test_stored_frames_fit_within_pixels(tmp_path):
     for source in sorted(FRAMES.glob("*.npz"))[:2]:
         (tmp_path / source.name).symlink_to(source.resolve())
     for record in run(tmp_path, tmp_path / "out", scene):
-        assert -0.75 < record["lift"] < -0.55
-        assert record["outline_pixels"]["median"] <= 2
-        assert record["outline_pixels"]["percentile_90"] <= 8
+        assert -0.75 < record.lift < -0.55
+        assert record.outline_pixels.median <= 2
+        assert record.outline_pixels.percentile_90 <= 8

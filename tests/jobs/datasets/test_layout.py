@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tarfile
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,6 +12,12 @@ import pytest
 
 from cnca.core.errors import RunError
 from cnca.jobs.datasets.layout import DataSet, run_lengths
+
+
+@dataclass(frozen=True)
+class Note:
+    caption: str
+    seed: int
 
 
 def picture(seed: int) -> np.ndarray:
@@ -28,7 +35,7 @@ def mask(left: int = 3) -> np.ndarray:
 def data(tmp_path) -> DataSet:
     data = DataSet(tmp_path / "set")
     for index in (0, 1, 1000):
-        data.add(index, picture(index), mask(index % 7), {"caption": "red", "seed": index})
+        data.add(index, picture(index), mask(index % 7), Note("red", index))
     return data
 
 
@@ -87,4 +94,4 @@ def test_damaged_records_and_empty_pictures_are_refused(data):
     with pytest.raises(RunError, match=r"000001\.json: damaged; delete it"):
         data.finish(tar=False)
     with pytest.raises(RunError, match="without the vehicle"):
-        data.add(2, picture(2), np.zeros((12, 20)), {})
+        data.add(2, picture(2), np.zeros((12, 20)), Note("empty", 2))

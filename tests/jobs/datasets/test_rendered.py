@@ -34,11 +34,11 @@ def files(folder) -> dict[str, bytes]:
 
 
 def test_shards_and_interruptions_make_the_same_files(render, tmp_path):
-    assert render("whole", images=12, tar=True)["rendered"] == 12
-    assert render("parts", images=8, shard="2/2")["rendered"] == 3
-    assert render("parts", images=12, shard="1/2")["rendered"] == 7
+    assert render("whole", images=12, tar=True).rendered == 12
+    assert render("parts", images=8, shard="2/2").rendered == 3
+    assert render("parts", images=12, shard="1/2").rendered == 7
     report = render("parts", images=12, tar=True)
-    assert (report["rendered"], report["done"]) == (2, 12)
+    assert (report.rendered, report.done) == (2, 12)
     assert files(tmp_path / "parts") == files(tmp_path / "whole")
 
 

@@ -46,8 +46,8 @@ def test_the_proposed_section_makes_a_scene_that_is_good(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "SAMPLES", 4)
     out = tmp_path / "out" / "check"
     report = check_vehicle(str(_without_uvs(tmp_path)), out, up="z")
-    assert not report["usable"]
-    assert check_vehicle(str(out / "scene.yaml"), None)["usable"]
+    assert not report.usable
+    assert check_vehicle(str(out / "scene.yaml"), None).usable
 
 
 def test_the_scene_file_moves_with_its_paths(tmp_path):

@@ -1,6 +1,5 @@
 """``cnca reorder-uv``: what it writes, and what it refuses in one line."""
 
-import json
 from pathlib import Path
 
 import cv2
@@ -9,7 +8,8 @@ import pytest
 
 from cnca.core.errors import MeshError, RunError
 from cnca.core.images import write_texture_srgb
-from cnca.jobs.vehicle.reorder_uv import Source, checkerboard, reorder_uv
+from cnca.core.records import read_record
+from cnca.jobs.vehicle.reorder_uv import Reordering, Source, checkerboard, reorder_uv
 from cnca.vehicle.builtin.sedan import build_sedan
 from cnca.vehicle.mesh.load_mesh import load_vehicle
 from cnca.vehicle.mesh.write_mesh import write_obj
@@ -37,8 +37,8 @@ def test_a_vehicle_with_mask_and_base_texture(tmp_path):
     )
     report = reorder_uv(source, tmp_path / "new.obj", size=512, samples=1)
 
-    assert json.loads((tmp_path / "new.json").read_text()) == report
-    assert report["vehicle"] == {
+    assert read_record(Reordering, tmp_path / "new.json") == report
+    assert report.vehicle == {
         "mesh": "new.obj",
         "up": "z",
         "paint_mask": "new_mask.png",
@@ -59,16 +59,16 @@ def test_a_vehicle_with_mask_and_base_texture(tmp_path):
 
 def test_builtin_vehicles_need_no_file(tmp_path):
     report = reorder_uv(Source("builtin:sedan"), tmp_path / "sedan.obj", samples=1)
-    assert report["was"] == "the file's own"
-    assert report["after"]["seam_length"] < 0.5 * report["before"]["seam_length"]
+    assert report.was == "the file's own"
+    assert report.after.seam_length < 0.5 * report.before.seam_length
 
 
 @pytest.mark.skipif(not ASAM.exists(), reason="the glTF vehicle is not beside the checkout")
 def test_overlapping_or_missing_coordinates_are_laid_out_anew(tmp_path):
     report = reorder_uv(Source(str(ASAM)), tmp_path / "asam.obj", samples=1)
-    assert report["was"].startswith("xatlas")
-    assert report["after"]["charts"] < report["before"]["charts"]
-    assert report["after"]["overlap"] < 0.03
+    assert report.was.startswith("xatlas")
+    assert report.after.charts < report.before.charts
+    assert report.after.overlap < 0.03
 
 
 def test_a_checkerboard_has_dark_and_light_squares_in_turn():
