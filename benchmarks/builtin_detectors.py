@@ -16,9 +16,9 @@ from tables import markdown
 
 from cnca.core.manifest import write_json
 from cnca.detect import BUILTINS, load_detector
-from cnca.train.dataset import TEST, LabelledPictures
-from cnca.train.detector_pictures import BUILTIN_CAST, render_detector_data
-from cnca.train.measure import measure
+from cnca.train.detector.accuracy import measure
+from cnca.train.detector.dataset import TEST, LabelledPictures
+from cnca.train.detector.renders import BUILTIN_CAST, GROUPS, render_detector_data
 
 HEADINGS = ("detector", "paint", "pictures", "AP@0.5", "found at 0.25", "false alarms")
 
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/builtin_detectors"))
     options = parser.parse_args()
     folder = options.out / "pictures"
-    cast = replace(BUILTIN_CAST, loud_stride=1)
+    cast = replace(BUILTIN_CAST, groups=GROUPS)
     render_detector_data(folder, pictures=options.pictures, seed=options.seed, cast=cast)
     data = LabelledPictures(folder)
     data.split = [TEST] * len(data.pictures)

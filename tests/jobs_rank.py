@@ -20,6 +20,7 @@ from cnca.jobs.evaluate.parts import Request
 from cnca.jobs.evaluate.photos import PhotoRequest, evaluate_photos
 from cnca.judge import stage
 from cnca.train.efr import train
+from cnca.train.loop import TrainingLoop
 from tests.train.test_efr import shots
 
 SCENE = """
@@ -58,7 +59,7 @@ def run_jobs(folder: Path) -> None:
     photos = PhotoRequest(folder / "photos", folder / "labels.json", folder / "table2")
     evaluate_photos(photos, QUIET)
     torch.set_default_dtype(torch.float64)  # Adam makes much of the rounding of small gradients
-    outcome = train(shots(3, seed=0), shots(3, seed=1), seed=0, epochs=2)
+    outcome = train(TrainingLoop(None, 0), shots(3, seed=0), shots(3, seed=1), epochs=2)
     torch.set_default_dtype(torch.float32)
     outcome.network.save(folder / f"efr{parallel.rank()}.safetensors")
     (folder / f"taken{parallel.rank()}").write_text(str(len(taken)))

@@ -19,7 +19,7 @@ def train_generator(
     resume: Resume = False,
 ) -> None:
     """Train the shipped diffusion pipeline on procedural textures."""
-    from cnca.train.generator import train_generator
+    from cnca.train.generator.pipeline import train_generator
 
     train_generator(out, seed=seed, resume=resume)
 
@@ -50,7 +50,7 @@ def train_detector(
     resume: Resume = False,
 ) -> None:
     """Render pictures of the built-in vehicles and train a built-in detector on them."""
-    from cnca.train.detector_pictures import train_builtin
+    from cnca.train.detector.builtin import train_builtin
 
     report = train_builtin(
         out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume
@@ -103,6 +103,7 @@ def train_efr(
     views: Annotated[int, typer.Option(help="Views to train on, each in six paints.")] = 64,
     epochs: Annotated[int, typer.Option(help="Passes over them.")] = 20,
     seed: Seed = 0,
+    resume: Resume = False,
 ) -> None:
     """Train an EFR that corrects cheap renders towards path-traced ones or photographs."""
     from cnca.cli import data_output as terminal
@@ -117,4 +118,5 @@ def train_efr(
         views=views,
         epochs=epochs,
         seed=seed,
+        resume=resume,
     )

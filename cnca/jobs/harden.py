@@ -35,8 +35,8 @@ from cnca.judge.stage import see
 from cnca.judge.verdict import measure_all, word_for
 from cnca.report.tables import cell, table
 from cnca.scene.schema import Scene, load_scene
-from cnca.train.detector import Settings, train_detector
-from cnca.train.detector_pictures import GROUPS, Cast, render_detector_data
+from cnca.train.detector.renders import GROUPS, Cast, render_detector_data
+from cnca.train.detector.training import Settings, train_detector
 
 BEFORE, AFTER = "before", "after"
 MEASURES = {"AP_voc": "AP@0.5", "score": "score"}

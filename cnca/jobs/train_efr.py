@@ -37,6 +37,7 @@ from cnca.scene.schema import Scene, load_scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
 from cnca.train.efr import EPOCHS, Outcome, Shot, train
+from cnca.train.loop import TrainingLoop
 
 WEATHERS, TEST_SHARE = 16, 0.25
 TEXTURES = 6
@@ -111,12 +112,14 @@ def train_efr(
     views: int,
     epochs: int = EPOCHS,
     seed: int,
+    resume: bool = False,
     console: Console,
 ) -> dict[str, Any]:
     """Train an EFR on renders of ``scenes`` or on the frames in ``carla``.
 
     Args:
-        out: ``.safetensors``; the report is written beside it as ``.json``.
+        out: ``.safetensors``; the report is written beside it as ``.json``, and checkpoints into
+            a folder of the same name without the ending, from which ``resume`` goes on.
         backend: what draws X_nr, with ``samples`` rays per pixel where it traces.
         views: views for the training, a quarter as many for the test; each in six textures.
 
@@ -125,7 +128,8 @@ def train_efr(
         share of the test pictures that are worse after.
 
     Raises:
-        RunError: neither or both of scenes and frames are given, or a number is out of range.
+        RunError: neither or both of scenes and frames are given, a number is out of range, or the
+            folder holds a training already (without ``resume``).
     """
     if bool(scenes) == (carla is not None):
         raise RunError("give either --from-render SCENE, once or more, or --carla DIR")
@@ -133,6 +137,7 @@ def train_efr(
         raise RunError(f"{out}: weights are written as .safetensors; change the ending")
     if views < 1:
         raise RunError(f"--views {views}: give a number above 0")
+    loop = TrainingLoop(out.with_suffix(""), seed, resume, console)
     if carla is not None:
         shots = _frames(carla, carla_scene, backend, samples, console)
         split = max(1, round(TEST_SHARE * len(shots)))
@@ -140,14 +145,7 @@ def train_efr(
     else:
         draw = partial(_renders, [load_scene(s) for s in scenes], backend, samples, console)
         training, test = draw(views, seed), draw(max(1, round(TEST_SHARE * views)), seed, test=True)
-    with bar(console) as shown:
-        task = shown.add_task("training", total=epochs)
-
-        def after_epoch(loss: float, error: float) -> None:
-            label = f"training: L_EFR {loss:.3f}, error {error:.4f}"
-            shown.update(task, advance=1, description=label)
-
-        outcome = train(training, test, seed=seed, epochs=epochs, after_epoch=after_epoch)
+    outcome = train(loop, training, test, epochs=epochs)
     report = _report(outcome) | {
         "scenes": [str(scene) for scene in scenes],
         "carla": str(carla) if carla else None,

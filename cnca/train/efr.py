@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,8 @@ from cnca.core.color import linear_to_srgb
 from cnca.core.errors import NonFiniteError
 from cnca.core.types import LinearImages, PlainPictures
 from cnca.efr.unet import EnvironmentFeatureRenderer, weighted_bce
+from cnca.train.loop import TrainingLoop
+from cnca.train.task import Recipe, Task
 
 LEARNING_RATE, EPOCHS = 0.01, 20
 """The paper's (section 4.1); ours falls to 0 along half a cosine."""
@@ -56,51 +59,93 @@ class Outcome:
         return min([self.before, *self.after], key=lambda errors: float(errors.mean()))
 
 
-def train(
-    shots: Sequence[Shot],
-    test: Sequence[Shot],
-    *,
-    seed: int,
-    epochs: int = EPOCHS,
-    after_epoch: Callable[[float, float], None] = lambda loss, error: None,
-) -> Outcome:
-    """Train on all shots, one shot a step, and keep the epoch with the least test error.
+class EfrTask(Task[Shot]):
+    """Learns to correct renders, one shot a step; remembers the epoch with the least test error.
 
     Under torchrun the processes divide each shot's pictures and take the same steps.
-
-    ``after_epoch`` is given the mean loss and the test error.
-    Raises NonFiniteError where a corrected picture is not finite.
     """
-    torch.manual_seed(seed)
-    network = EnvironmentFeatureRenderer()
-    gains = [network.left_out, network.slope]
-    maps = [p for p in network.parameters() if all(p is not gain for gain in gains)]
-    groups: list[dict[str, Any]] = [{"params": maps}, {"params": gains, "lr": GAIN_RATE}]
-    optimizer = torch.optim.Adam(groups, lr=LEARNING_RATE)
-    rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs * len(shots))
-    chance = torch.Generator().manual_seed(seed)
-    before, after = absolute_errors(network, test), []
-    best = copy.deepcopy(network.state_dict())
-    for epoch in range(epochs):
-        losses = []
-        for k in torch.randperm(len(shots), generator=chance).tolist():
-            own, part = _share(shots[k])
-            corrected = _corrected(network, own)
-            if not torch.isfinite(corrected).all():
-                raise NonFiniteError(f"EFR, epoch {epoch}, shot {k}: a picture is not finite")
-            loss = part * _loss(corrected, own)
-            optimizer.zero_grad()
-            loss.backward()
-            parallel.add_up(*(p.grad for p in network.parameters()), loss)
-            optimizer.step()
-            rate.step()
-            losses.append(loss.item())
-        after.append(absolute_errors(network, test))
-        if all(after[-1].mean() <= errors.mean() for errors in (before, *after)):
-            best = copy.deepcopy(network.state_dict())
-        after_epoch(sum(losses) / len(losses), float(after[-1].mean()))
-    network.load_state_dict(best)
-    return Outcome(network.eval().requires_grad_(False), before, after)
+
+    name = "efr"
+    divided = True
+    network: EnvironmentFeatureRenderer
+
+    def __init__(
+        self, shots: Sequence[Shot], test: Sequence[Shot], *, seed: int, epochs: int
+    ) -> None:
+        torch.manual_seed(seed)
+        self.network = EnvironmentFeatureRenderer()
+        self.recipe = Recipe(
+            epochs * len(shots),
+            LEARNING_RATE,
+            save_every=len(shots),
+            warm_up=0,
+            last_rate=0.0,
+            weight_decay=0.0,
+            largest_gradient=math.inf,
+            averaging=None,
+        )
+        rng = torch.Generator().manual_seed(seed)
+        self._order = [torch.randperm(len(shots), generator=rng).tolist() for _ in range(epochs)]
+        self._shots, self._test = shots, test
+        self.before = absolute_errors(self.network, test)
+        self.after: list[Float[Tensor, " pictures"]] = []
+        self.best = copy.deepcopy(self.network.state_dict())
+        self.settings = {"shots": len(shots), "test_shots": len(test)}
+
+    def batch(self, step: int, rng: torch.Generator) -> Shot:
+        """The next shot of the epoch's order."""
+        return self._shots[self._shot(step)]
+
+    def losses(self, batch: Shot, rng: torch.Generator) -> dict[str, Tensor]:
+        """Equation 10, of this process's pictures."""
+        shot, part = _share(batch)
+        corrected = _corrected(self.network, shot)
+        if not torch.isfinite(corrected).all():  # of which there is no cross-entropy
+            raise NonFiniteError("a corrected picture is not finite")
+        return {"L_EFR": part * _loss(corrected, shot)}
+
+    def metrics(self) -> dict[str, float]:
+        """The test error after an epoch, which is kept if it is the least."""
+        self.after.append(absolute_errors(self.network, self._test))
+        if all(self.after[-1].mean() <= errors.mean() for errors in (self.before, *self.after)):
+            self.best = copy.deepcopy(self.network.state_dict())
+        return {"test error": float(self.after[-1].mean())}
+
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """The gains take larger steps."""
+        gains = [self.network.left_out, self.network.slope]
+        maps = [p for p in self.network.parameters() if all(p is not gain for gain in gains)]
+        return [{"params": maps}, {"params": gains, "lr": GAIN_RATE}]
+
+    def where(self, step: int) -> str:
+        """Epochs are counted from 1."""
+        return f"epoch {step // len(self._shots) + 1}, shot {self._shot(step)}"
+
+    def state_dict(self) -> dict[str, Any]:
+        """The errors so far, and the weights of the best epoch."""
+        return {"before": self.before, "after": self.after, "best": self.best}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take them back."""
+        self.before, self.after, self.best = (state[k] for k in ("before", "after", "best"))
+
+    def _shot(self, step: int) -> int:
+        epoch, index = divmod(step, len(self._shots))
+        return self._order[epoch][index]
+
+
+def train(
+    loop: TrainingLoop, shots: Sequence[Shot], test: Sequence[Shot], *, epochs: int = EPOCHS
+) -> Outcome:
+    """Train on all shots and keep the epoch with the least test error.
+
+    Raises NonFiniteError where the loss or its gradient is not finite, and RunError where ``loop``
+    resumes another training.
+    """
+    task = EfrTask(shots, test, seed=loop.seed, epochs=epochs)
+    loop.run(task)
+    task.network.load_state_dict(task.best)
+    return Outcome(task.network.eval().requires_grad_(False), task.before, task.after)
 
 
 @torch.no_grad()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -14,8 +15,10 @@ from torch import Tensor
 from cnca.core.types import SrgbImages
 from cnca.gen import textures
 from cnca.gen.scorer import SIDE, BagScorer, right_prompts, words
-from cnca.train import corpus
+from cnca.train.generator import corpus
+from cnca.train.generator.corpus import Corpus
 from cnca.train.loop import TrainingLoop
+from cnca.train.task import Recipe, Task
 
 HELD_OUT_SEED = 7_919
 """Added to the seed for the pictures that judge the scorer: none is in the corpus."""
@@ -28,6 +31,31 @@ class Trained:
     file: Path
     right: float
     pictures: int
+
+
+class ScorerTask(Task[tuple[SrgbImages, list[str]]]):
+    """Learns which captions belong to which pictures of the corpus."""
+
+    name = "scorer"
+    network: BagScorer
+
+    def __init__(self, data: Corpus, *, steps: int, batch: int) -> None:
+        self.network = BagScorer(sorted({w for caption in data.captions for w in words(caption)}))
+        self.recipe = Recipe(steps, 2e-3)
+        self.settings = {"batch": batch}
+        self._small, self._captions, self._batch = shrunk(data.pictures), data.captions, batch
+
+    def batch(self, step: int, rng: torch.Generator) -> tuple[SrgbImages, list[str]]:
+        """Varied pictures and their captions."""
+        chosen = torch.randint(len(self._small), (self._batch,), generator=rng)
+        captions = [self._captions[i] for i in chosen.tolist()]
+        return varied(self._small[chosen], rng), captions
+
+    def losses(
+        self, batch: tuple[SrgbImages, list[str]], rng: torch.Generator
+    ) -> dict[str, Tensor]:
+        """The contrastive loss."""
+        return {"contrastive": contrastive_loss(self.network, *batch)}
 
 
 def train_scorer(
@@ -48,18 +76,9 @@ def train_scorer(
     loop = TrainingLoop(out, seed, resume)
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)
-    shown = corpus.prepare(data, count=pictures, seed=seed)
-    small = shrunk(shown.pictures)
-    scorer = BagScorer(sorted({word for caption in shown.captions for word in words(caption)}))
-
-    def loss(generator: torch.Generator) -> Tensor:
-        chosen = torch.randint(len(small), (batch,), generator=generator)
-        captions = [shown.captions[i] for i in chosen.tolist()]
-        return contrastive_loss(scorer, varied(small[chosen], generator), captions)
-
-    scorer = loop.run("scorer", scorer, loss, steps=steps, learning_rate=2e-3, average=0.99)
+    task = ScorerTask(corpus.prepare(data, count=pictures, seed=seed), steps=steps, batch=batch)
     file = out / "scorer.safetensors"
-    scorer.save(file)
+    cast(BagScorer, loop.run(task)).save(file)
     unseen, captions = held_out_textures(held_out, seed)
     hits = right_prompts(BagScorer.load(file), unseen, captions, choices=10, seed=seed)
     return Trained(file, sum(hits) / len(hits), len(hits))

@@ -7,8 +7,8 @@ import torch
 
 from cnca.core.boxes import cxcywh_to_xyxy
 from cnca.detect.anchor_free import USUAL_SIZE, AnchorFreeHead
-from cnca.train.anchor_free_loss import RADIUS, anchor_free_loss, assign, cell_places
-from cnca.train.yolo_loss import Targets
+from cnca.train.detector.anchor_free_loss import RADIUS, anchor_free_loss, assign, cell_places
+from cnca.train.detector.yolo_loss import Targets
 
 
 def test_boxes_by_hand():

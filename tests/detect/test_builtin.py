@@ -8,10 +8,11 @@ import torch
 
 from cnca.core.errors import CncaError, DetectorError, RunError
 from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
-from cnca.train.dataset import LabelledPictures
-from cnca.train.detector import Settings, Training, start
-from cnca.train.detector_pictures import train_builtin
-from cnca.train.yolo_loss import Targets
+from cnca.train.detector.builtin import train_builtin
+from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.training import DetectorTask, Settings, start
+from cnca.train.detector.yolo_loss import Targets
+from cnca.train.loop import TrainingState
 from tests.detect.test_detectors import DetectorContract
 
 LARGEST = 15e6
@@ -53,14 +54,16 @@ class TestRandomWeights(DetectorContract):
         assert detector.class_names == ("car",)
 
 
-def test_loss_falls(subject, pictures):
+def test_loss_falls(subject, pictures, monkeypatch):
     """A few steps on the same two pictures."""
-    training = Training(subject, Settings(bfloat16=False))
     images = torch.from_numpy(np.array(pictures.pictures)).permute(0, 3, 1, 2).float() / 255
     boxes = torch.from_numpy(pictures.boxes[0][:, :4]).float()
     targets = Targets(boxes, torch.zeros(1, dtype=torch.long), torch.zeros(1, dtype=torch.long))
-    totals = [sum(training.step(images, targets, 0.05).values()) for _ in range(6)]
-    assert totals[-1] < 0.7 * totals[0]
+    monkeypatch.setattr(DetectorTask, "batch", lambda *_: (images, targets))
+    task = DetectorTask(subject, pictures, Settings(epochs=100, batch=2, bfloat16=False))
+    state = TrainingState(task, seed=0)
+    losses = [state.step(5) for _ in range(6)]  # where the step size is the largest
+    assert losses[-1] < 0.7 * losses[0]
 
 
 def test_transformers_proposals_begin_at_usual_size(pictures, tmp_path):
@@ -109,7 +112,7 @@ def test_nothing_to_train(tmp_path, options, message):
 
 def test_a_folder_that_holds_a_training_is_refused_before_any_picture(tmp_path):
     (tmp_path / "yolo").mkdir()
-    (tmp_path / "yolo" / "checkpoint.pt").touch()
+    (tmp_path / "yolo" / "detector.pt").touch()
     with pytest.raises(RunError, match="yolo: already holds a training; add --resume"):
         train_builtin(tmp_path, kind="yolo", pictures=15, epochs=1, seed=0, resume=False)
     assert [path.name for path in tmp_path.iterdir()] == ["yolo"]

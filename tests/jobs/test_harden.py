@@ -18,7 +18,7 @@ from cnca.jobs.harden import Change, Hardening, Request, harden, make_cast, mark
 from cnca.judge.candidates import parse_candidates
 from cnca.judge.records import Estimate
 from cnca.scene.schema import load_scene
-from cnca.train import detector_pictures as detector_data
+from cnca.train.detector import renders as detector_data
 
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 32}

@@ -6,10 +6,11 @@ import pytest
 import torch
 
 from cnca.core.color import linear_to_srgb
-from cnca.core.errors import NonFiniteError
+from cnca.core.errors import NonFiniteError, RunError
 from cnca.core.types import PlainPictures
 from cnca.efr.unet import EnvironmentFeatureRenderer
-from cnca.train.efr import Shot, absolute_errors, train
+from cnca.train.efr import EfrTask, Shot, absolute_errors, train
+from cnca.train.loop import TrainingLoop
 
 
 def shots(count: int, seed: int) -> list[Shot]:
@@ -27,18 +28,19 @@ def shots(count: int, seed: int) -> list[Shot]:
 
 
 def test_learns_and_keeps_the_best_epoch():
-    test, reported = shots(2, seed=1), []
-    outcome = train(
-        shots(6, seed=0), test, seed=0, epochs=12, after_epoch=lambda *pair: reported.append(pair)
-    )
-    assert [error for _, error in reported] == [float(errors.mean()) for errors in outcome.after]
-    assert outcome.best.mean() == min(error for _, error in reported) < 0.5 * outcome.before.mean()
+    test = shots(2, seed=1)
+    outcome = train(TrainingLoop(None, 0), shots(6, seed=0), test, epochs=12)
+    errors = [errors.mean() for errors in outcome.after]
+    assert len(errors) == 12
+    assert outcome.best.mean() == min(errors) < 0.5 * outcome.before.mean()
     torch.testing.assert_close(absolute_errors(outcome.network, test), outcome.best)
     assert not any(p.requires_grad for p in outcome.network.parameters())
 
 
 def test_same_seed_same_weights():
-    first, second = (train(shots(2, 0), shots(1, 1), seed=3, epochs=1).network for _ in range(2))
+    first, second = (
+        train(TrainingLoop(None, 3), shots(2, 0), shots(1, 1), epochs=1).network for _ in range(2)
+    )
     for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(a, b)
 
@@ -46,7 +48,7 @@ def test_same_seed_same_weights():
 def test_an_epoch_that_only_harms_is_not_kept():
     """The test set is right already: the identity stays."""
     test = [Shot(s.plain, s.truths, s.truths, s.mask) for s in shots(2, seed=1)]
-    outcome = train(shots(2, seed=0), test, seed=0, epochs=2)
+    outcome = train(TrainingLoop(None, 0), shots(2, seed=0), test, epochs=2)
     assert not outcome.before.any()
     assert not absolute_errors(outcome.network, test).any()
 
@@ -62,5 +64,31 @@ def test_the_error_is_that_of_the_vehicles_display_values():
 def test_a_loss_that_is_not_finite_is_named():
     (bad,) = shots(1, seed=0)
     bad.renders[0, 0, 3, 3] = float("nan")
-    with pytest.raises(NonFiniteError, match="epoch 0, shot 0"):
-        train([bad], [bad], seed=0, epochs=1)
+    with pytest.raises(
+        NonFiniteError, match="of efr, epoch 1, shot 0: a corrected picture"
+    ):
+        train(TrainingLoop(None, 0), [bad], [bad], epochs=1)
+
+
+def test_an_interrupted_training_ends_like_an_uninterrupted_one(tmp_path, monkeypatch):
+    """Weights, errors and the best epoch, whose test error is not the last one's."""
+    training, test = shots(3, seed=0), shots(2, seed=1)
+    whole = train(TrainingLoop(tmp_path / "whole", 0), training, test, epochs=4)
+    honest = EfrTask.batch
+
+    def breaks(self, step, rng):
+        if step == 7:  # in the third epoch
+            raise KeyboardInterrupt
+        return honest(self, step, rng)
+
+    monkeypatch.setattr(EfrTask, "batch", breaks)
+    with pytest.raises(KeyboardInterrupt):
+        train(TrainingLoop(tmp_path / "parts", 0), training, test, epochs=4)
+    monkeypatch.undo()
+    resumed = train(TrainingLoop(tmp_path / "parts", 0, resume=True), training, test, epochs=4)
+    for a, b in zip(whole.after, resumed.after, strict=True):
+        assert torch.equal(a, b)
+    a, b = whole.network.state_dict(), resumed.network.state_dict()
+    assert all(torch.equal(a[name], b[name]) for name in a)
+    with pytest.raises(RunError, match="efr.pt: was trained with shots=3, not 2; remove it"):
+        train(TrainingLoop(tmp_path / "parts", 0, resume=True), training[:2], test, epochs=4)

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
-import torch.nn.functional as F
 from diffusers import AutoencoderKL, StableDiffusionPipeline
 from jaxtyping import Float
 from torch import Tensor
@@ -18,9 +17,10 @@ from torch import Tensor
 from cnca.core.files import replacing
 from cnca.core.progress import track
 from cnca.gen import architecture
-from cnca.train import corpus
-from cnca.train.corpus import Corpus
-from cnca.train.denoiser import Denoiser, text_features, train_denoiser
+from cnca.train.generator import corpus
+from cnca.train.generator.autoencoder import AutoencoderTask, signed
+from cnca.train.generator.corpus import Corpus
+from cnca.train.generator.denoiser import Denoiser, text_features, train_denoiser
 from cnca.train.loop import TrainingLoop
 
 
@@ -44,7 +44,7 @@ def train_generator(
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(seed)  # the parts' initial weights
     data = corpus.prepare(out, count=pictures, seed=seed)
-    vae = train_autoencoder(loop, data, steps=autoencoder_steps)
+    vae = cast(AutoencoderKL, loop.run(AutoencoderTask(data, steps=autoencoder_steps)).eval())
     latents = encode_corpus(vae, data, out / f"latents-{pictures}-{seed}-{autoencoder_steps}.pt")
     tokenizer = architecture.word_pieces(data.captions)
     encoder = architecture.text_encoder(tokenizer).eval()
@@ -61,38 +61,6 @@ def train_generator(
     )
 
 
-def train_autoencoder(
-    loop: TrainingLoop, data: Corpus, *, steps: int, crop: int = 64, batch: int = 4
-) -> AutoencoderKL:
-    """Train on random crops: absolute error of colours and of edges, and a light KL term."""
-    vae = architecture.autoencoder().to(memory_format=torch.channels_last)
-
-    def loss(generator: torch.Generator) -> Tensor:
-        images = random_crops(data, batch, crop, generator)
-        with torch.autocast("cpu", torch.bfloat16):
-            posterior = vae.encode(images).latent_dist
-            decoded = vae.decode(posterior.sample(generator)).sample.float()
-        colour = F.l1_loss(decoded, images)
-        edges = sum(F.l1_loss(decoded.diff(dim=d), images.diff(dim=d)) for d in (-2, -1))
-        return colour + edges + 1e-5 * posterior.kl().mean() / posterior.mean[0].numel()
-
-    return loop.run("autoencoder", vae, loss, steps=steps, learning_rate=1e-3, average=0.99).eval()
-
-
-def random_crops(
-    data: Corpus, batch: int, crop: int, generator: torch.Generator
-) -> Float[Tensor, "batch 3 crop crop"]:
-    """Square cut-outs, mirrored at random, sRGB scaled to [−1, 1]."""
-    cuts = []
-    for _ in range(batch):
-        i = int(torch.randint(len(data.pictures), (), generator=generator))
-        side = data.pictures.shape[1]
-        top, left = torch.randint(side - crop + 1, (2,), generator=generator).tolist()
-        cut = torch.from_numpy(data.pictures[i, top : top + crop, left : left + crop].copy())
-        cuts.append(cut.flip(1) if torch.rand((), generator=generator) < 0.5 else cut)
-    return _signed(torch.stack(cuts))
-
-
 @torch.no_grad()
 def encode_corpus(
     vae: AutoencoderKL, data: Corpus, file: Path
@@ -106,7 +74,7 @@ def encode_corpus(
     else:
         chunks = []
         for i in track(range(0, len(data.pictures), 8), "encoding textures"):
-            images = _signed(torch.from_numpy(data.pictures[i : i + 8].copy()))
+            images = signed(torch.from_numpy(data.pictures[i : i + 8].copy()))
             chunks.append(vae.encode(images).latent_dist.mean.half())
         means = torch.cat(chunks)
         with replacing(file) as temporary:
@@ -126,8 +94,3 @@ def save_pipeline(folder: Path, **parts: Any) -> Path:
     pipeline.to(dtype=torch.float16).save_pretrained(unfinished, safe_serialization=True)
     shutil.rmtree(folder, ignore_errors=True)
     return unfinished.rename(folder)
-
-
-def _signed(pictures: Tensor) -> Float[Tensor, "batch 3 height width"]:
-    """uint8 channels-last → [−1, 1] channels-first, as the autoencoder takes them."""
-    return pictures.permute(0, 3, 1, 2).float() / 127.5 - 1.0

@@ -20,17 +20,17 @@ from torch import Tensor, nn
 from cnca.core.boxes import cxcywh_to_xyxy, xyxy_to_cxcywh
 from cnca.core.files import replacing, write_text
 from cnca.detect.transformer import load_model
-from cnca.train.anchor_free_loss import aligned_loss, cell_places
-from cnca.train.dataset import LabelledPictures
-from cnca.train.subject import Subject, autocast
-from cnca.train.yolo_loss import Targets
+from cnca.train.detector.anchor_free_loss import aligned_loss, cell_places
+from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.trainable import TrainableDetector, autocast
+from cnca.train.detector.yolo_loss import Targets
 
 CONFIG, PREPARATION, WEIGHTS = "config.json", "preprocessor_config.json", "model.safetensors"
 USUAL_SIZE = 2.0
 """Logit by which boxes are larger than the library's anchors, of 5 and 10 % of the picture."""
 
 
-class TransformerSubject(Subject):
+class TrainableTransformer(TrainableDetector):
     """The network of a folder with ``config.json`` and ``preprocessor_config.json``."""
 
     learning_rate = 1e-3
@@ -53,18 +53,18 @@ class TransformerSubject(Subject):
     @classmethod
     def begin(
         cls, data: LabelledPictures, template: Path, out: Path, seed: int
-    ) -> TransformerSubject:
+    ) -> TrainableTransformer:
         """A new network of ``template`` for the classes of ``data``."""
         return cls(template, out, data.class_names, seed)
 
     @classmethod
     def fine_tune(
         cls, data: LabelledPictures, template: Path, out: Path, seed: int
-    ) -> TransformerSubject:
+    ) -> TrainableTransformer:
         """The network of ``template`` with its weights."""
-        subject = cls.begin(data, template, out, seed)
-        subject.network.load_state_dict(load_model(template).state_dict())
-        return subject
+        detector = cls.begin(data, template, out, seed)
+        detector.network.load_state_dict(load_model(template).state_dict())
+        return detector
 
     def losses(self, images: Tensor, targets: Targets, *, bfloat16: bool) -> dict[str, Tensor]:
         """Losses of the decoder (``matched``) and of the encoder's proposals; the backbone may use

@@ -17,11 +17,11 @@ from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Convolution, Darknet, Head
 from cnca.detect.weights import load_weights, save_weights
 from cnca.detect.yolo import YoloHead
-from cnca.train.anchor_free_loss import anchor_free_loss
-from cnca.train.anchors import cluster_anchors, write_anchors
-from cnca.train.dataset import TRAIN, LabelledPictures
-from cnca.train.subject import Subject, autocast
-from cnca.train.yolo_loss import Targets, yolo_loss
+from cnca.train.detector.anchor_free_loss import anchor_free_loss
+from cnca.train.detector.anchors import cluster_anchors, write_anchors
+from cnca.train.detector.dataset import TRAIN, LabelledPictures
+from cnca.train.detector.trainable import TrainableDetector, autocast
+from cnca.train.detector.yolo_loss import Targets, yolo_loss
 
 OBJECT_PRIOR = 0.01
 """Score that an untrained network gives everywhere (Lin et al. 2017, section 4.1)."""
@@ -31,7 +31,7 @@ LOSSES: dict[type, Callable[..., dict[str, Tensor]]] = {
 }
 
 
-class DarknetSubject(Subject):
+class TrainableDarknet(TrainableDetector):
     """The network of a ``.cfg``."""
 
     learning_rate = 2e-3
@@ -43,7 +43,9 @@ class DarknetSubject(Subject):
         self.network, self.heads, self.size = network, network.heads, network.config.size
 
     @classmethod
-    def begin(cls, data: LabelledPictures, template: Path, out: Path, seed: int) -> DarknetSubject:
+    def begin(
+        cls, data: LabelledPictures, template: Path, out: Path, seed: int
+    ) -> TrainableDarknet:
         """Copy ``template`` into ``out``, with anchors of the data, and draw weights.
 
         A configuration that ``out`` has already is kept.
@@ -56,14 +58,14 @@ class DarknetSubject(Subject):
     @classmethod
     def fine_tune(
         cls, data: LabelledPictures, template: Path, out: Path, seed: int
-    ) -> DarknetSubject:
+    ) -> TrainableDarknet:
         """Copy ``template`` into ``out`` as it is, and read the weights beside it."""
         for suffix in (".cfg", ".names"):
             text = template.with_suffix(suffix).read_text(encoding="utf-8")
             write_text(out / f"{template.stem}{suffix}", text)
-        subject = cls(out / template.name, seed)
-        load_weights(cast(Darknet, subject.network), template.with_suffix(".safetensors"))
-        return subject
+        detector = cls(out / template.name, seed)
+        load_weights(cast(Darknet, detector.network), template.with_suffix(".safetensors"))
+        return detector
 
     def losses(self, images: Tensor, targets: Targets, *, bfloat16: bool) -> dict[str, Tensor]:
         """The losses of the heads; the convolutions may use bfloat16."""

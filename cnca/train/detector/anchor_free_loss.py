@@ -16,7 +16,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits as cross_entrop
 from cnca.core.boxes import iou_matrix, xyxy_to_cxcywh
 from cnca.detect.anchor_free import AnchorFreeHead, Raw
 from cnca.detect.grid import cell_corners
-from cnca.train.yolo_loss import Targets, ciou
+from cnca.train.detector.yolo_loss import Targets, ciou
 
 BOX_WEIGHT = 3.0
 RADIUS = 2.5

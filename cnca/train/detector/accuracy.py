@@ -8,7 +8,7 @@ import torch
 from cnca.core.types import Detections
 from cnca.judge.scores import average_precision, detection_score
 from cnca.scene.protocols import Detector
-from cnca.train.dataset import TEST, LabelledPictures
+from cnca.train.detector.dataset import TEST, LabelledPictures
 
 LOWEST_SCORE = 0.01
 """Detections below do not enter the precision–recall curve."""

@@ -12,12 +12,12 @@ from cnca.detect import load_detector
 from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Darknet
 from cnca.detect.white_box import DarknetDetector
-from cnca.train.anchors import cluster_anchors, write_anchors
-from cnca.train.augment import augment
-from cnca.train.dataset import LabelledPictures
-from cnca.train.detector import Settings, rate_factor, start, train_detector
-from cnca.train.measure import measure
-from cnca.train.yolo_loss import Targets, ciou, yolo_loss
+from cnca.train.detector.accuracy import measure
+from cnca.train.detector.anchors import cluster_anchors, write_anchors
+from cnca.train.detector.augment import augment
+from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.training import DetectorTask, Settings, start, train_detector
+from cnca.train.detector.yolo_loss import Targets, ciou, yolo_loss
 from tests.detect.shapes import write_shapes
 
 SMALL = """
@@ -137,17 +137,33 @@ class TestTraining:
             train_detector(shapes, trained, other, template=template, resume=True)
 
 
-def interrupt(message):
-    if message.startswith("epoch 1"):
-        raise KeyboardInterrupt
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Trains, and is interrupted in the middle of the second epoch."""
+
+    def train(*arguments, **options):
+        honest = DetectorTask.batch
+
+        def breaks(self, step, rng):
+            if self.where(step) == "epoch 2, batch 3":
+                raise KeyboardInterrupt
+            return honest(self, step, rng)
+
+        monkeypatch.setattr(DetectorTask, "batch", breaks)
+        with pytest.raises(KeyboardInterrupt):
+            train_detector(*arguments, **options)
+        monkeypatch.setattr(DetectorTask, "batch", honest)
+
+    return train
 
 
-def test_interrupted_training_ends_like_an_uninterrupted_one(shapes, template, tmp_path):
+def test_interrupted_training_ends_like_an_uninterrupted_one(
+    shapes, template, tmp_path, interrupted
+):
     settings = Settings(epochs=2, batch=16)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     train_detector(shapes, whole, settings, template=template)
-    with pytest.raises(KeyboardInterrupt):
-        train_detector(shapes, parts, settings, template=template, log=interrupt)
+    interrupted(shapes, parts, settings, template=template)
     assert not (parts / "small.safetensors").exists()
     train_detector(shapes, parts, settings, template=template, resume=True)
     assert (whole / "small.safetensors").read_bytes() == (parts / "small.safetensors").read_bytes()
@@ -166,14 +182,13 @@ class TestOtherKinds:
         assert measure(detector, LabelledPictures(shapes)) == report["test"]
         assert json.loads((tmp_path / f"{other_template.stem}.json").read_text()) == report
 
-    def test_interrupted_training(self, shapes, other_template, tmp_path):
+    def test_interrupted_training(self, shapes, other_template, tmp_path, interrupted):
         settings = Settings(epochs=2, batch=16)
         results = []
         for name, stops in (("whole", False), ("parts", True)):
             out = tmp_path / name
             if stops:
-                with pytest.raises(KeyboardInterrupt):
-                    train_detector(shapes, out, settings, template=other_template, log=interrupt)
+                interrupted(shapes, out, settings, template=other_template)
             train_detector(shapes, out, settings, template=other_template, resume=stops)
             results.append(next(out.glob("*.safetensors")).read_bytes())
         assert results[0] == results[1]
@@ -187,14 +202,6 @@ class TestOtherKinds:
         expected = load_detector(str(saved)).candidates(images)
         torch.testing.assert_close(again.boxes, expected.boxes)
         torch.testing.assert_close(again.class_scores, expected.class_scores)
-
-
-def test_time_limit_ends_training_with_a_rate_of_zero(shapes, template, tmp_path):
-    settings = Settings(epochs=1000, minutes=0.02, batch=16)
-    report = train_detector(shapes, tmp_path, settings, template=template)
-    assert report["epochs"] < 100
-    assert rate_factor(1.0) == pytest.approx(0, abs=1e-12)
-    assert rate_factor(0.05) == pytest.approx(1)
 
 
 class TestLoss:

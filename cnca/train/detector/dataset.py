@@ -12,8 +12,8 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from cnca.core.errors import DetectorError
-from cnca.train.augment import augment
-from cnca.train.yolo_loss import Targets
+from cnca.train.detector.augment import augment
+from cnca.train.detector.yolo_loss import Targets
 
 TRAIN, TEST = "train", "test"
 KEYS = ("class_names", "boxes", "group", "split")

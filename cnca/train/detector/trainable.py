@@ -1,4 +1,4 @@
-"""What a training needs to know of the detector that it trains."""
+"""What a training needs of a detector: network, losses, and the files that it becomes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from cnca.train.dataset import LabelledPictures
-from cnca.train.yolo_loss import Targets
+from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.yolo_loss import Targets
 
 
-class Subject(ABC):
-    """A network in training, its losses, and the files that it becomes."""
+class TrainableDetector(ABC):
+    """One family of detectors in training."""
 
     network: nn.Module
     size: tuple[int, int]

@@ -4,14 +4,13 @@ import pytest
 import torch
 from torch import nn
 
-from cnca.core.errors import NonFiniteError, RunError
+from cnca.core.errors import RunError
 from cnca.gen import architecture
 from cnca.gen.pipeline import load_pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
-from cnca.train import corpus
-from cnca.train.denoiser import GRID, ImagePrompt
-from cnca.train.generator import train_generator
-from cnca.train.loop import TrainingLoop
+from cnca.train.generator import corpus
+from cnca.train.generator.denoiser import GRID, ImagePrompt
+from cnca.train.generator.pipeline import train_generator
 from cnca.train.scorer import train_scorer
 
 
@@ -105,79 +104,19 @@ def test_training_end_to_end_gives_a_folder_that_paints(tmp_path):
     assert (vae.config["scaling_factor"] * means).std() == pytest.approx(1.0, abs=5e-3)
 
 
-class Line(nn.Module):
-    def __init__(self):
-        super().__init__()
-        self.slope = nn.Parameter(torch.zeros(3))
-
-    def loss(self, generator: torch.Generator) -> torch.Tensor:
-        x = torch.randn(16, 3, generator=generator)
-        return ((x @ self.slope - x @ torch.tensor([1.0, -2.0, 0.5])) ** 2).mean()
-
-
-def fit(folder, steps, *, resume=False, seed=0):
-    line = Line()
-    loop = TrainingLoop(folder, seed, resume, save_every=5, warm_up=3)
-    averaged = loop.run("line", line, line.loss, steps=steps, learning_rate=0.1, average=0.9)
-    return line.slope.detach(), averaged.slope.detach()
-
-
-def test_the_loop_finds_the_minimum(tmp_path):
-    _, averaged = fit(tmp_path, 200)
-    torch.testing.assert_close(averaged, torch.tensor([1.0, -2.0, 0.5]), atol=0.02, rtol=0.0)
-
-
-def test_an_interrupted_run_goes_on_as_if_it_had_not_been(tmp_path, monkeypatch):
-    (tmp_path / "whole").mkdir()
-    (tmp_path / "broken").mkdir()
-    whole = fit(tmp_path / "whole", 20)
-    honest = Line.loss
-    calls = iter(range(100))
-
-    def breaks_at_12(self, generator):
-        if next(calls) == 12:
-            raise KeyboardInterrupt
-        return honest(self, generator)
-
-    monkeypatch.setattr(Line, "loss", breaks_at_12)
-    with pytest.raises(KeyboardInterrupt):
-        fit(tmp_path / "broken", 20)
-    resumed = fit(tmp_path / "broken", 20, resume=True)
-    assert next(calls) == 12 + 1 + (20 - 10)  # it went on from the checkpoint at step 10
-    for one, other in zip(whole, resumed, strict=True):
-        torch.testing.assert_close(one, other)
-
-
-def test_a_loss_that_is_not_finite_stops_the_training_and_says_where(tmp_path):
-    loop = TrainingLoop(tmp_path, 0, False)
-    with pytest.raises(NonFiniteError, match="the loss of line is nan at step 0"):
-        loop.run(
-            "line",
-            Line(),
-            lambda _: torch.tensor(float("nan")),
-            steps=3,
-            learning_rate=0.1,
-            average=0.9,
-        )
-
-
 def test_a_folder_that_holds_a_training_is_refused_before_any_work(tmp_path):
-    fit(tmp_path, 5)
-    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    (tmp_path / "autoencoder.pt").touch()
     for train in (train_generator, partial(train_scorer, data=tmp_path / "corpus")):
         with pytest.raises(RunError, match="already holds a training; add --resume or choose"):
             train(tmp_path, resume=False)
-    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
+    assert [file.name for file in tmp_path.iterdir()] == ["autoencoder.pt"]
 
 
-def test_a_damaged_checkpoint_is_refused(tmp_path):
-    fit(tmp_path, 5)
-    (tmp_path / "line.pt").write_bytes((tmp_path / "line.pt").read_bytes()[:-100])
-    with pytest.raises(RunError, match="line.pt: not a checkpoint of this model; remove it"):
-        fit(tmp_path, 10, resume=True)
-
-
-def test_a_checkpoint_of_another_model_is_refused(tmp_path):
-    torch.save({"step": 3, "model": {}, "averaged": {}, "optimizer": {}}, tmp_path / "line.pt")
-    with pytest.raises(RunError, match="not a checkpoint of this model"):
-        fit(tmp_path, 5, resume=True)
+def test_resumed_stages_give_the_same_pipeline(tmp_path):
+    """All stages are done already but the last, which is done anew."""
+    options = {"pictures": 4, "autoencoder_steps": 1, "denoiser_steps": (1, 1, 1, 1), "batch": 2}
+    folder = train_generator(tmp_path, seed=1, **options)
+    before = {file.name: file.read_bytes() for file in folder.rglob("*.safetensors")}
+    (tmp_path / "denoiser-32.pt").unlink()
+    train_generator(tmp_path, seed=1, **options)
+    assert {file.name: file.read_bytes() for file in folder.rglob("*.safetensors")} == before

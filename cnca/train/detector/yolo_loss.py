@@ -13,7 +13,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits as cross_entrop
 from cnca.core.boxes import SMALLEST_AREA, iou, iou_matrix, xyxy_to_cxcywh
 from cnca.core.types import Boxes
 from cnca.detect.yolo import YoloHead
-from cnca.train.anchors import shape_iou
+from cnca.train.detector.anchors import shape_iou
 
 BOX_WEIGHT = 3.0
 SHAPE_THRESHOLD = 0.5

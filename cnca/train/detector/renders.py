@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from cnca.core.color import linear_to_srgb
-from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.errors import DetectorError
 from cnca.core.files import replacing
 from cnca.core.progress import bar
 from cnca.core.types import SrgbTexture
@@ -54,20 +54,18 @@ class Cast:
     """Name → what builds it; a scene shows one of them, or none."""
     paint: Paint
     groups: tuple[str, ...] = GROUPS
-    """Kinds of paint, in turn."""
+    """Kinds of paint, in turn over all scenes."""
     textures: Mapping[str, SrgbTexture] = field(default_factory=dict)
     """Kinds of paint that are one texture each."""
-    loud_stride: int = 1
-    """Of the training pictures in loud paint every so many-th is kept."""
 
 
 BUILTIN_CAST = Cast(
     {name: partial(build_sedan, shape, name) for name, shape in BUILTIN_VEHICLES.items()},
     Paint(torch.zeros(3, TEXTURE_SIZE, TEXTURE_SIZE), torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE)),
-    loud_stride=20,
+    tuple(group for loud in LOUD for group in (*("plain", "uniform") * 7, loud)),
 )
-"""All built-in vehicles.  Loud paint is rare, as on roads: a detector that sees nothing else learns
-to disregard paint altogether."""
+"""All built-in vehicles.  Loud paint is rare, one picture in fifteen, as on roads: a detector that
+sees nothing else learns to disregard paint altogether."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +98,8 @@ def render_detector_data(
     with bar() as progress:
         for index, part in enumerate(progress.track(parts, description="scenes for the detector")):
             if not part.exists():
-                _save(part, _render_scene(np.random.default_rng([seed, index]), size, cast))
-    _merge(out, parts, cast.loud_stride)
+                _save(part, _render_scene(np.random.default_rng([seed, index]), index, size, cast))
+    _merge(out, parts)
 
 
 def _save(path: Path, pictures: list[_Picture]) -> None:
@@ -110,20 +108,15 @@ def _save(path: Path, pictures: list[_Picture]) -> None:
         np.savez(file, images=np.stack([p.image for p in pictures]), labels=labels)
 
 
-def _merge(out: Path, parts: Sequence[Path], loud_stride: int) -> None:
-    """Join the scenes; the first ones are for testing, and keep all of their loud paint."""
+def _merge(out: Path, parts: Sequence[Path]) -> None:
+    """Join the scenes; the first ones are for testing."""
     images: list[np.ndarray] = []
     table: dict[str, list] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
-    loud = 0
     for index, part in enumerate(parts):
         with np.load(part) as scene:
             pictures, labels = scene["images"], json.loads(str(scene["labels"]))
         split = "test" if index < TEST_SHARE * len(parts) else "train"
         for picture, label in zip(pictures, labels, strict=True):
-            if split == "train" and label["group"] in LOUD:
-                loud += 1
-                if loud % loud_stride:
-                    continue
             images.append(picture)
             table["boxes"].append([label["box"]] if label["box"] else [])
             table["group"].append(label["group"])
@@ -134,7 +127,7 @@ def _merge(out: Path, parts: Sequence[Path], loud_stride: int) -> None:
         temporary.write_text(json.dumps(table))
 
 
-def _render_scene(rng: np.random.Generator, size: int, cast: Cast) -> list[_Picture]:
+def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -> list[_Picture]:
     empty = rng.random() < EMPTY_SHARE
     name = str(rng.choice(list(cast.vehicles)))
     vehicle = Vehicle("none", ()) if empty else cast.vehicles[name]()
@@ -148,7 +141,7 @@ def _render_scene(rng: np.random.Generator, size: int, cast: Cast) -> list[_Pict
     weathers = [_weather(rng) for _ in range(WEATHERS_PER_SCENE)]
     pictures = []
     for k in range(PICTURES_PER_SCENE):
-        group = cast.groups[k % len(cast.groups)]
+        group = cast.groups[(scene * PICTURES_PER_SCENE + k) % len(cast.groups)]
         albedo = cast.paint.apply(_texture(group, rng, cast.textures))
         view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
         seed = int(rng.integers(2**31))
@@ -228,25 +221,3 @@ def _texture(group: str, rng: np.random.Generator, fixed: Mapping[str, SrgbTextu
     if group == "shuffled":
         return controls.shuffled(texture, generator, blocks=int(2 ** rng.integers(2, 6)))
     return texture
-
-
-def train_builtin(
-    out: Path, *, kind: str, pictures: int, epochs: int, seed: int, resume: bool
-) -> dict[str, object]:
-    """Render the pictures into ``out/pictures``, train into ``out/KIND``, return the report.
-
-    Raises:
-        DetectorError: there is no such ``kind``.
-        RunError: ``out/KIND`` holds a training already (without ``resume``).
-    """
-    from cnca.detect import TRAINED
-    from cnca.train.detector import Settings, checkpoint_in, train_detector
-
-    if kind not in TRAINED:
-        hint = did_you_mean(kind, TRAINED)
-        raise DetectorError(f"kind '{kind}': unknown; there is {', '.join(TRAINED)}{hint}")
-    settings = Settings(epochs=epochs, seed=seed)
-    checkpoint_in(out / kind, resume=resume)
-    folder = out / "pictures"
-    render_detector_data(folder, pictures=pictures, seed=seed)
-    return train_detector(folder, out / kind, settings, template=TRAINED[kind], resume=resume)

@@ -22,6 +22,7 @@ from transformers import CLIPTextModel, CLIPTokenizer
 
 from cnca.gen import architecture
 from cnca.train.loop import TrainingLoop
+from cnca.train.task import Recipe, Task
 
 GRID = (7, 11)
 """Rows and columns of the cells that F_adv's tokens describe: 77, one for each token of a text."""
@@ -63,7 +64,7 @@ class ImagePrompt(nn.Module):
 
 
 class Denoiser(nn.Module):
-    """All that the second stage trains, with its loss: v-prediction (Salimans & Ho 2022)."""
+    """All that the second stage trains, with its error: v-prediction (Salimans & Ho 2022)."""
 
     nothing: Tensor
 
@@ -75,33 +76,33 @@ class Denoiser(nn.Module):
         self.schedule = architecture.scheduler()
         self.register_buffer("nothing", nothing)
 
-    def loss(
+    def velocity_error(
         self,
         clean: Float[Tensor, "batch 4 height width"],
         text: Float[Tensor, "batch 77 width"] | None,
-        generator: torch.Generator,
+        rng: torch.Generator,
     ) -> Tensor:
         """Mean squared error of the velocity at random times; without ``text``, of F_adv alone."""
         batch = len(clean)
         extra = self.nothing + self.image_prompt(clean)
-        condition = extra if text is None else self._joined(extra, text, generator)
-        times = torch.randint(len(self.schedule.betas), (batch,), generator=generator)
+        condition = extra if text is None else self._joined(extra, text, rng)
+        times = torch.randint(len(self.schedule.betas), (batch,), generator=rng)
         where = architecture.positions(clean.shape[-1]).expand(batch, -1, -1, -1)
         clean = torch.cat([clean, where], dim=1)
-        noise = torch.randn(clean.shape, generator=generator)
+        noise = torch.randn(clean.shape, generator=rng)
         noisy = self.schedule.add_noise(clean, noise, times)
         velocity = self.schedule.get_velocity(clean, noise, times)
         with torch.autocast("cpu", torch.bfloat16):
             predicted = self.unet(noisy, times, condition).sample
         return F.mse_loss(predicted.float(), velocity)
 
-    def _joined(self, extra: Tensor, text: Tensor, generator: torch.Generator) -> Tensor:
+    def _joined(self, extra: Tensor, text: Tensor, rng: torch.Generator) -> Tensor:
         """F_adv's tokens and the text's, each left out in its share of the samples."""
-        blind = torch.rand(len(text), 1, 1, generator=generator) < BLIND
-        silent = torch.rand(len(text), 1, 1, generator=generator) < SILENT
+        blind = torch.rand(len(text), 1, 1, generator=rng) < BLIND
+        silent = torch.rand(len(text), 1, 1, generator=rng) < SILENT
         extra = torch.where(blind | silent, self.nothing, extra)
         text = torch.where(blind, self.nothing, text)
-        alone = torch.rand((), generator=generator) < 0.1  # without F_adv there are 77 tokens
+        alone = torch.rand((), generator=rng) < 0.1  # without F_adv there are 77 tokens
         return text if alone else torch.cat([extra, text], dim=1)
 
 
@@ -112,6 +113,43 @@ def text_features(
     """F_txt of each caption."""
     words = tokenizer(list(captions), padding="max_length", return_tensors="pt").input_ids
     return torch.cat([encoder(chunk).last_hidden_state for chunk in words.split(64)])
+
+
+class DenoiserTask(Task[tuple[Tensor, Tensor | None]]):
+    """One stage of the U-Net's training: latents of one size, with or without their captions."""
+
+    network: Denoiser
+
+    def __init__(
+        self,
+        denoiser: Denoiser,
+        latents: Float[Tensor, "pictures 4 32 32"],
+        text: Float[Tensor, "pictures 77 width"] | None,
+        *,
+        side: int,
+        steps: int,
+        batch: int,
+    ) -> None:
+        """``side`` is that of the crops of ``latents``; without ``text``, F_adv stands alone."""
+        self.name = f"denoiser-{side}" if text is not None else f"denoiser-wish-{side}"
+        self.network = denoiser
+        self.recipe = Recipe(steps, 1.5e-3)
+        self.settings = {"batch": batch}
+        self._latents, self._text, self._side, self._batch = latents, text, side, batch
+
+    def batch(self, step: int, rng: torch.Generator) -> tuple[Tensor, Tensor | None]:
+        """Latents cut out at one place, and the features of their captions."""
+        side, whole = self._side, self._latents.shape[-1]
+        chosen = torch.randint(len(self._latents), (self._batch,), generator=rng)
+        top, left = torch.randint(whole + 1 - side, (2,), generator=rng).tolist()
+        clean = self._latents[chosen, :, top : top + side, left : left + side]
+        return clean, None if self._text is None else self._text[chosen]
+
+    def losses(
+        self, batch: tuple[Tensor, Tensor | None], rng: torch.Generator
+    ) -> dict[str, Tensor]:
+        """The velocity's error."""
+        return {"velocity": self.network.velocity_error(*batch, rng)}
 
 
 def train_denoiser(
@@ -127,23 +165,10 @@ def train_denoiser(
 
     A step on quarter pictures takes half the time and sees twice as many.
     """
-    stages = (
-        ("denoiser-wish-16", 16, False),
-        ("denoiser-16", 16, True),
-        ("denoiser-wish-32", 32, False),
-        ("denoiser-32", 32, True),
-    )
-    for (stage, side, worded), count in zip(stages, steps, strict=True):
-        size = batch * 32 // side
-
-        def loss(
-            generator: torch.Generator, side: int = side, size: int = size, worded: bool = worded
-        ) -> Tensor:
-            chosen = torch.randint(len(latents), (size,), generator=generator)
-            top, left = torch.randint(33 - side, (2,), generator=generator).tolist()
-            clean = latents[chosen, :, top : top + side, left : left + side]
-            return denoiser.loss(clean, text[chosen] if worded else None, generator)
-
-        averaged = loop.run(stage, denoiser, loss, steps=count, learning_rate=1.5e-3, average=0.99)
-        denoiser.load_state_dict(averaged.state_dict())
+    stages = ((16, None), (16, text), (32, None), (32, text))
+    for (side, words), count in zip(stages, steps, strict=True):
+        task = DenoiserTask(
+            denoiser, latents, words, side=side, steps=count, batch=batch * 32 // side
+        )
+        denoiser.load_state_dict(loop.run(task).state_dict())
     return denoiser

@@ -1,0 +1,1 @@
+"""Training of the shipped texture generator: corpus, autoencoder, denoiser."""
