@@ -64,7 +64,7 @@ def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
     before, after = (stored_tensors(each.network) for each in (shipped, hardened))
     weights = [name for name in before if "running" not in name]
     moved = max((after[name] - before[name]).abs().max() for name in weights)
-    assert 0 < moved < 2e-5  # the first step of AdamW: 5e-6, and a little decay
+    assert 0 < moved < 6e-4  # one step of AdamW: 5e-4, and a little decay
 
     assert set(results.rows) == {"normal", "uniform", "random", "zebra shuffled", "zebra"}
     for by_measure in results.rows.values():

@@ -64,9 +64,7 @@ def test_the_error_is_that_of_the_vehicles_display_values():
 def test_a_loss_that_is_not_finite_is_named():
     (bad,) = shots(1, seed=0)
     bad.renders[0, 0, 3, 3] = float("nan")
-    with pytest.raises(
-        NonFiniteError, match="of efr, epoch 1, shot 0: a corrected picture"
-    ):
+    with pytest.raises(NonFiniteError, match="of efr, epoch 1, shot 0: a corrected picture"):
         train(TrainingLoop(None, 0), [bad], [bad], epochs=1)
 
 
