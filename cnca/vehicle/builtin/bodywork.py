@@ -28,6 +28,7 @@ END_HEIGHT = 0.99
 END_LIFT = 0.05
 """How much higher the floor is under nose and tail than between the wheels, metres."""
 STATIONS = 80
+COARSE_STATIONS = 36
 ROOF_CROWN = 0.05
 """How much higher the roof is in the middle than at its corner, metres."""
 
@@ -37,6 +38,8 @@ class Body:
     """The lines of a shape as functions of x, and the skin that they span.  Metres."""
 
     shape: SedanShape
+    coarse: bool = False
+    """About a fifth of the triangles, for vehicles that only pass by."""
 
     @property
     def nose(self) -> float:
@@ -129,7 +132,8 @@ class Body:
         half = rounded(
             self._sections(x),
             np.array([0.04, 0.05, 0.30, 0.10, 0.12, 0.30]),
-            [1, 1, 4, 5, 6, 3, 2],
+            [1, 1, 1, 2, 2, 1, 1] if self.coarse else [1, 1, 4, 5, 6, 3, 2],
+            bend=2 if self.coarse else 5,
         )
         shrink = np.stack(
             [self.plan(x), _lame(END_HEIGHT * x / self.nose, HEIGHT_EXPONENT)], axis=-1
@@ -148,7 +152,8 @@ class Body:
         height = self.top(x) * _lame(END_HEIGHT * x / self.nose, HEIGHT_EXPONENT)
         line = np.stack([x, self.plan(x) * self.shape.width / 2, height], axis=1)
         run = np.append(0.0, np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum())
-        stations = np.interp(np.linspace(0.0, run[-1], STATIONS), run, x)
+        count = COARSE_STATIONS if self.coarse else STATIONS
+        stations = np.interp(np.linspace(0.0, run[-1], count), run, x)
         # The plan's slope is infinite here: a rounding error in x would leave the ends open.
         stations[[0, -1]] = self.nose, -self.nose
         return stations
@@ -199,11 +204,13 @@ def rounded(
     corners: Float[np.ndarray, "lines corners 2"],
     radii: Float[np.ndarray, " inner_corners"],
     samples: list[int],
+    bend: int = 5,
 ) -> Float[np.ndarray, "lines points 2"]:
     """Polylines whose inner corners are rounded by parabolas (quadratic Bézier curves).
 
     A parabola starts and ends ``radii`` metres from its corner, or 0.45 of the shorter edge;
-    ``samples`` counts the pieces into which each straight edge between two corners is cut.
+    ``samples`` counts the pieces into which each straight edge between two corners is cut, and
+    ``bend`` those of each parabola.
     """
     edges = np.diff(corners, axis=1)
     length = np.maximum(np.linalg.norm(edges, axis=-1, keepdims=True), 1e-9)
@@ -219,7 +226,7 @@ def rounded(
         t = np.linspace(0.0, 1.0, pieces + 1)[:, None]
         points.append((1 - t) * start[:, edge, None] + t * end[:, edge, None])
         if edge < len(samples) - 1:
-            t = np.linspace(0.0, 1.0, 6)[1:-1, None]
+            t = np.linspace(0.0, 1.0, bend + 1)[1:-1, None]
             points.append(
                 (1 - t) ** 2 * before[:, edge, None]
                 + 2 * t * (1 - t) * corners[:, edge + 1, None]

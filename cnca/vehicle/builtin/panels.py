@@ -45,7 +45,9 @@ def regions(body: Body) -> list[Region]:
     """All regions in the order in which they are cut; what is left over is paint."""
     glass = [windscreen(body), rear_window(body), *side_windows(body)]
     sealed = [*glass, *lights(body)]
-    doors = [Region("paint", door) for door in [*door_outlines(body), *lids(body)]]
+    # A gap is thinner than a pixel on what only passes by.
+    outlines = [] if body.coarse else [*door_outlines(body), *lids(body)]
+    doors = [Region("paint", door) for door in outlines]
     cover = [Region("trim", lambda skin: bed_cover(body, skin))] if body.shape.open_bed else []
     return [
         *cover,

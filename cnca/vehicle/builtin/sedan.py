@@ -23,6 +23,12 @@ def build_sedan(
     The painted part carries UVs in [0, 1]² (see :mod:`cnca.vehicle.uv.atlas`).
     """
     body = Body(shape)
+    surfaces = body_surfaces(body)
+    return Vehicle(name, tuple(_part(body, material, mesh) for material, mesh in surfaces.items()))
+
+
+def body_surfaces(body: Body) -> dict[str, Surface]:
+    """Everything that the vehicle consists of, by material."""
     skin, wells = cut_wells(body.skin(), body)
     pieces: dict[str, list[Surface]] = {"underbody": [wells]}
     for region in regions(body):
@@ -31,9 +37,7 @@ def build_sedan(
     pieces.setdefault("paint", []).append(skin)
     for material, surface in [*place_wheels(body).items(), *fittings(body)]:
         pieces.setdefault(material, []).append(surface)
-    return Vehicle(
-        name, tuple(_part(body, material, join(found)) for material, found in pieces.items())
-    )
+    return {material: join(surfaces) for material, surfaces in pieces.items()}
 
 
 def fittings(body: Body) -> list[tuple[str, Surface]]:
@@ -41,12 +45,14 @@ def fittings(body: Body) -> list[tuple[str, Surface]]:
     s = body.shape
     foot = body.cowl - 0.42
     high = float(body.belt(np.array(foot))) + 0.075
-    left = [("trim", ellipsoid((foot, s.width / 2 + 0.03, high), (0.055, 0.095, 0.065)))]
+    rings = 4 if body.coarse else 8
+    radii = (0.055, 0.095, 0.065)
+    left = [("trim", ellipsoid((foot, s.width / 2 + 0.03, high), radii, rings))]
     for post in pillar_positions(body):
         x = post + 0.14
         z = float(body.belt(np.array(x))) - 0.09
         y = 0.97 * s.width / 2 * float(body.plan(np.array(x)))
-        left.append(("metal", ellipsoid((x, y, z), (0.09, 0.03, 0.014))))
+        left.append(("metal", ellipsoid((x, y, z), (0.09, 0.03, 0.014), rings)))
     return left + [(material, surface.mirrored()) for material, surface in left]
 
 

@@ -20,7 +20,7 @@ def place_wheels(body: Body) -> dict[str, Surface]:
     pieces: dict[str, list[Surface]] = {}
     for axle in body.axles:
         outer = body.shape.width / 2 * float(body.plan(np.array(axle))) - 0.025
-        for material, piece in _left_wheel(radius).items():
+        for material, piece in _left_wheel(radius, body.coarse).items():
             left = piece.moved((axle, outer - TYRE_WIDTH / 2, radius))
             pieces.setdefault(material, []).extend([left, left.mirrored()])
     return {material: join(surfaces) for material, surfaces in pieces.items()}
@@ -51,14 +51,16 @@ def cut_wells(skin: Surface, body: Body) -> tuple[Surface, Surface]:
     return opened, Surface.smooth(vertices, np.concatenate(walls))
 
 
-def _left_wheel(radius: float) -> dict[str, Surface]:
+def _left_wheel(radius: float, coarse: bool) -> dict[str, Surface]:
     """A wheel around the y axis with its rim's face towards +y, by material."""
+    segments, rings = (16, 3) if coarse else (SEGMENTS, 7)
     side, rim = TYRE_WIDTH / 2, 0.70 * radius
     flank = [(rim, 0.92), (0.90 * radius, 1.0), (0.97 * radius, 0.86), (radius, 0.62)]
     tyre = [(r, -y * side) for r, y in flank] + [(r, y * side) for r, y in flank[::-1]]
-    spans = [(t * rim, (0.62 + 0.12 * t**2) * side) for t in np.linspace(0.93, 0.22, 7)]
+    radii = np.linspace(0.93, 0.22, rings)
+    spans = [(t * rim, (0.62 + 0.12 * t**2) * side) for t in radii]
     dish = [(rim, 0.92 * side), (0.95 * rim, 0.93 * side), *spans, (0.0, 0.66 * side)]
-    face = revolved(np.array(dish), SEGMENTS)
+    face = revolved(np.array(dish), segments)
 
     distance, angle = np.hypot(face.x, face.z), np.arctan2(face.z, face.x)
     between = np.pi / SPOKES - np.abs(angle % (2 * np.pi / SPOKES) - np.pi / SPOKES)
@@ -67,10 +69,10 @@ def _left_wheel(radius: float) -> dict[str, Surface]:
         axis=0,
     )
     _, spokes = face.split(openings)
-    behind = revolved(np.array([(rim, 0.3 * side), (0.0, 0.3 * side)]), SEGMENTS)
-    barrel = revolved(np.array([(0.0, -0.9 * side), (rim, -0.92 * side)]), SEGMENTS)
+    behind = revolved(np.array([(rim, 0.3 * side), (0.0, 0.3 * side)]), segments)
+    barrel = revolved(np.array([(0.0, -0.9 * side), (rim, -0.92 * side)]), segments)
     return {
-        "tyre": revolved(np.array(tyre), SEGMENTS),
+        "tyre": revolved(np.array(tyre), segments),
         "metal": spokes,
         "underbody": join([behind, barrel]),
     }

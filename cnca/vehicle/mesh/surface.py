@@ -147,10 +147,10 @@ def revolved(profile: Float[np.ndarray, "points 2"], segments: int = 48) -> Surf
     return Surface.smooth(vertices.reshape(-1, 3), grid_faces(len(profile), segments))
 
 
-def ellipsoid(centre: Sequence[float], radii: Sequence[float]) -> Surface:
+def ellipsoid(centre: Sequence[float], radii: Sequence[float], rings: int = 8) -> Surface:
     """An ellipsoid with axes along x, y and z; metres."""
-    angle = np.linspace(0.0, np.pi, 9)
-    ball = revolved(np.stack([np.sin(angle), -np.cos(angle)], axis=1), 16)
+    angle = np.linspace(0.0, np.pi, rings + 1)
+    ball = revolved(np.stack([np.sin(angle), -np.cos(angle)], axis=1), 2 * rings)
     normals = _unit(ball.vertices / np.asarray(radii))
     return Surface(ball.vertices * np.asarray(radii) + np.asarray(centre), ball.faces, normals)
 
