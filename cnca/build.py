@@ -27,13 +27,16 @@ from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files, load_detector
 from cnca.detect.classes import CAR, vehicle_labels
 from cnca.effects.plan import Demand
+from cnca.effects.prices import SHIPPED as SHIPPED_PRICES
 from cnca.effects.protocols import PlanningRenderer
 from cnca.scene import shipped
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
+from cnca.scene.named_files import named_files
 from cnca.scene.paint import Paint
 from cnca.scene.protocols import Detector, LoopRenderer, Residual, TextureGenerator
 from cnca.scene.schema import CarlaCamera, Scene
+from cnca.vehicle.mesh.companions import mesh_companions
 from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.masks import pad_mask, paint_mask
@@ -323,12 +326,14 @@ def input_files(
 
 
 def scene_files(scene: Scene, scene_file: Path) -> list[Path]:
-    """The scene file and the mesh and pictures that it names."""
-    section = scene.vehicle
-    named = [section.paint_mask, section.base_texture]
-    named += [file for file in _drawn_files(scene) if not file.startswith("builtin:")]
-    return [shipped.scene_file(scene_file), *(scene.base / name for name in named if name)]
+    """The scene file, all that it names, and what these name in turn."""
+    return [shipped.scene_file(scene_file), *files_behind(scene), SHIPPED_PRICES]
 
 
-def _drawn_files(scene: Scene) -> list[str]:
-    return [scene.vehicle.mesh] + ([scene.world.file] if scene.world else [])
+def files_behind(scene: Scene) -> list[Path]:
+    """All files that a scene names, and those that these name in turn."""
+    named = named_files(scene)
+    files = named + [file for path in named for file in mesh_companions(path)]
+    if scene.world and not scene.world.file.startswith("builtin:"):
+        files += map(Path, resolve_world(scene.world, scene.base).source)
+    return list(dict.fromkeys(files))

@@ -22,9 +22,10 @@ from rich.console import Console
 from cnca import build
 from cnca.core.errors import DetectorError, RunError, did_you_mean
 from cnca.core.files import write_text
-from cnca.core.manifest import hashes, read_json, versions, write_json
+from cnca.core.manifest import hashes, read_json, write_json
 from cnca.core.progress import bar
 from cnca.core.records import as_json
+from cnca.core.run_folder import RunFolder
 from cnca.detect import BUILTINS, detector_files
 from cnca.jobs.evaluate.parts import Request as EvidenceRequest
 from cnca.jobs.evaluate.parts import build_eyes, build_stages
@@ -115,8 +116,10 @@ def harden(request: Request, console: Console, *, resume: bool = False) -> Harde
     settings = Settings(epochs=request.epochs, seed=request.seed, fine_tune=True)
     scene = load_scene(scene_file)
     cast = make_cast(scene, candidates)
-    inputs = [*build.scene_files(scene, scene_file), *(each.picture for each in candidates)]
-    _claim(request, inputs, resume=resume)
+    inputs = [*build.scene_files(scene, scene_file), *detector_files(request.detector)]
+    inputs += [each.picture for each in candidates]
+    asked = {key: value for key, value in asdict(request).items() if key != "out"}
+    RunFolder(request.out, "harden").claim(asked, hashes(inputs), resume=resume)
     pictures = request.out / "pictures"
     render_detector_data(pictures, pictures=request.pictures, seed=request.seed, cast=cast)
     training = train_detector(
@@ -196,18 +199,3 @@ def markdown(results: Hardening) -> str:
         "verdict is on the difference over the same views.\n"
     )
     return table(head, rows) + "\n" + note
-
-
-def _claim(request: Request, inputs: Sequence[Path], *, resume: bool) -> None:
-    """Write the manifest, or see that ``--resume`` goes on with what it says."""
-    manifest = request.out / "manifest.json"
-    asked = {key: str(value) for key, value in asdict(request).items()}
-    files = hashes([*inputs, *detector_files(request.detector)])
-    if not manifest.exists():
-        write_json(manifest, {"request": asked, "versions": versions(), "inputs": files})
-    elif not resume:
-        raise RunError(f"{request.out}: holds a hardening; --resume it or choose another --out")
-    else:
-        before = read_json(manifest)
-        if (before["request"], before["inputs"]) != (asked, files):
-            raise RunError(f"{request.out}: was begun with other options or files; choose another")

@@ -14,7 +14,7 @@ from cnca import build
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
 from cnca.core.images import write_exr
-from cnca.core.manifest import versions, write_json
+from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import as_pictures, write_png
 from cnca.core.types import LinearImages
 from cnca.effects.effect import Model
@@ -49,7 +49,7 @@ def render_scene(
 
     Returns:
         The records, one per view: view, seed, plan, seconds (first call and steady), bounding box
-        (xyxy in pixels), versions.
+        (xyxy in pixels), versions, and SHA-256 of all files that were read.
     """
     if out.suffix.lower() not in FORMATS:
         raise RunError(f"{out}: pictures are written as {' or '.join(FORMATS)}; change the ending")
@@ -65,6 +65,7 @@ def render_scene(
     named: dict[str, Model] = {"samples": samples} if samples else {}
     demand = replace(demand, forced={"gradient": "off", **named, **demand.forced})
     renderer = build.build_renderer(scene, vehicle, demand=demand)
+    inputs = hashes([*build.scene_files(scene, scene_file), *([texture] if texture else [])])
     records = []
     for each in views:
         path = out.with_name(f"{out.stem}_{each.name}{out.suffix}") if all_views else out
@@ -82,6 +83,7 @@ def render_scene(
             "seconds": {"first": first, "steady": steady},
             "vehicle_box_xyxy": box,
             "versions": versions(),
+            "inputs": inputs,
         }
         write_json(path.with_suffix(".json"), record)
         records.append(record)

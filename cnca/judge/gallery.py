@@ -9,10 +9,12 @@ from __future__ import annotations
 import hashlib
 import zipfile
 from collections.abc import Callable, Mapping
-from pathlib import Path
+from dataclasses import fields, is_dataclass
+from pathlib import Path, PurePath
 
 import numpy as np
 import torch
+from pydantic import BaseModel
 from torch import Tensor
 
 from cnca.core.files import replacing
@@ -22,18 +24,42 @@ Arrays = Mapping[str, np.ndarray]
 
 
 def digest(*things: object) -> str:
-    """SHA-256 of tensors, arrays and bytes by content, and of all else by ``repr``."""
+    """SHA-256 of things by their content, records and collections by that of their parts.
+
+    Raises TypeError for what has no content that could be told, such as a function: its ``repr`` is
+    an address, which says nothing of what it does.
+    """
     state = hashlib.sha256()
     for thing in things:
-        if isinstance(thing, Tensor):
-            thing = thing.detach().cpu().numpy()
-        if isinstance(thing, np.ndarray):
-            state.update(repr((thing.dtype, thing.shape)).encode())
-            state.update(np.ascontiguousarray(thing).tobytes())
-        else:
-            state.update(thing if isinstance(thing, bytes) else repr(thing).encode())
-        state.update(b"\0")
+        _feed(state, thing)
     return state.hexdigest()
+
+
+def _feed(state: hashlib._Hash, thing: object) -> None:
+    """Add one thing; every part ends so that no other parts read the same."""
+    if isinstance(thing, Tensor):
+        thing = thing.detach().cpu().numpy()
+    if isinstance(thing, np.ndarray):
+        state.update(repr((thing.dtype, thing.shape)).encode())
+        state.update(np.ascontiguousarray(thing).tobytes())
+    elif isinstance(thing, bytes):
+        state.update(repr(len(thing)).encode() + thing)
+    elif isinstance(thing, BaseModel):
+        _feed(state, (type(thing).__name__, thing.model_dump()))
+    elif is_dataclass(thing) and not isinstance(thing, type):
+        _feed(state, type(thing).__name__)
+        _feed(state, {f.name: getattr(thing, f.name) for f in fields(thing)})
+    elif isinstance(thing, Mapping):
+        _feed(state, list(thing.items()))
+    elif isinstance(thing, list | tuple):
+        state.update(f"[{len(thing)}".encode())
+        for part in thing:
+            _feed(state, part)
+    elif thing is None or isinstance(thing, str | int | float | PurePath | np.generic):
+        state.update(repr(thing).encode())
+    else:
+        raise TypeError(f"a {type(thing).__name__} has no content to tell it by")
+    state.update(b"\0")
 
 
 def recall(path: Path, key: str, make: Callable[[], Arrays]) -> Arrays:

@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from cnca.core import parallel
-from cnca.core.manifest import versions
+from cnca.core.manifest import DRAWING, program
 from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.judge.candidates import Coat
 from cnca.judge.evaluate import Shots, look, photograph
@@ -20,10 +20,6 @@ from cnca.judge.records import FrameFit
 from cnca.judge.verdict import Seen
 from cnca.scene.protocols import Detector, Renderer
 from cnca.scene.schema import Scene
-from cnca.vehicle.model import Vehicle
-
-DECIDING = ("cnca", "mitsuba", "drjit")
-"""Packages whose version decides what a picture looks like."""
 
 
 @dataclass(frozen=True)
@@ -147,18 +143,14 @@ def see(
     }
 
 
-def scene_key(scene: Scene, vehicle: Vehicle, *, backend: str, samples: int | None) -> str:
-    """Stands for the vehicle, its surroundings and the programs that draw them."""
-    arrays = [a for p in vehicle.parts for a in (p.vertices, p.faces, p.normals, p.uvs)]
-    materials = [(part.name, part.material) for part in vehicle.parts], vehicle.paint
-    own = versions()
-    return digest(
-        scene.ground,
-        scene.image,
-        scene.vehicle.texture_size,
-        materials,
-        *arrays,
-        backend,
-        samples,
-        {name: own[name] for name in DECIDING},
-    )
+def scene_key(
+    scene: Scene, *drawn: object, files: Mapping[str, str], backend: str, samples: int | None
+) -> str:
+    """Stands for the whole scene and for all that draws it, whatever of it a picture shows.
+
+    Args:
+        drawn: what was made of the scene, such as its vehicle, by content.
+        files: what it was made from → SHA-256.
+    """
+    contents = sorted(files.values())  # wherever they lie
+    return digest(scene, drawn, contents, backend, samples, program(*DRAWING))

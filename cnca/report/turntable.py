@@ -15,6 +15,7 @@ from rich.console import Console
 
 from cnca import build
 from cnca.core.errors import RunError, SceneError
+from cnca.core.manifest import hashes
 from cnca.core.pictures import as_pictures
 from cnca.core.progress import bar
 from cnca.core.types import SrgbImages
@@ -90,7 +91,9 @@ def _turn(scene: Scene, subject: Subject, kept: Path, frames: int, console: Cons
     texture = read_candidate(subject.texture, vehicle, scene.vehicle.texture_size)
     albedo = build.build_paint(scene, vehicle).apply(texture)
     views = around(vehicle, frames)
-    key = digest(scene_key(scene, vehicle, backend="mitsuba", samples=SAMPLES), albedo, views)
+    files = hashes(build.files_behind(scene))
+    drawn = scene_key(scene, vehicle, files=files, backend="mitsuba", samples=SAMPLES)
+    key = digest(drawn, albedo, views)
 
     def take() -> SrgbImages:
         renderer = build.build_renderer(scene, vehicle, samples=SAMPLES)

@@ -79,9 +79,9 @@ def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
         name.rpartition("/")[2] for name in inputs
     }
 
-    with pytest.raises(RunError, match="holds a hardening; --resume it"):
+    with pytest.raises(RunError, match="already holds a run; add --resume"):
         harden(request, CONSOLE)
-    with pytest.raises(RunError, match="was begun with other options"):
+    with pytest.raises(RunError, match=r"was started with another epochs \(was 1, now 2\)"):
         harden(Request((str(run),), out, pictures=48, epochs=2, views=4), CONSOLE, resume=True)
     assert harden(request, CONSOLE, resume=True).rows == results.rows
 

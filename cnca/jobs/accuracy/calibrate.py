@@ -21,6 +21,7 @@ from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.manifest import versions, write_json
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
 from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan
@@ -212,6 +213,7 @@ def calibrate(out: Path, *, scenes: int, seed: int, console: Console) -> Path:
 
     Cases that ``out`` holds already are not measured again.
     """
+    RunFolder(out, "calibrate").claim({"seed": seed}, {}, resume=True)
     records = []
     with bar(console) as progress:
         for index in progress.track(range(scenes), description="scenes"):

@@ -18,8 +18,9 @@ from matplotlib import pyplot as plt
 from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.files import replacing
-from cnca.core.manifest import versions, write_json
+from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
 from cnca.gen import GUIDANCE
 from cnca.gen.feature import initial
 from cnca.scene.controls import random_blocks
@@ -57,6 +58,10 @@ def generator_accuracy(
         raise RunError(f"--probes {probes}: give at least 1")
     gradients: dict[int, list[Tensor]] = {}
     seconds: dict[int, list[float]] = {}
+    inputs = hashes([generator or build.SHIPPED_GENERATOR])
+    asked: dict[str, Any] = {"prompt": prompt, "generator": generator, "feature": feature}
+    asked |= {"guidance": guidance, "probes": probes, "seed": seed}
+    RunFolder(out, "accuracy-generator").renew(asked, inputs)
     with bar(console) as progress:
         for last in progress.track(CHOICES, description="gradients"):
             seconds[last] = []

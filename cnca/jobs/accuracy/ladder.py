@@ -14,8 +14,10 @@ from rich.console import Console
 
 from cnca import build
 from cnca.core.errors import RunError
-from cnca.core.manifest import versions, write_json
+from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
+from cnca.detect import detector_files
 from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Model, Numbered
 from cnca.effects.explain import explain
@@ -137,6 +139,10 @@ def accuracy(
         raise RunError(f"{scene_file}: --volpath is for fog, and the scene has none; leave it out")
     bench = Bench(scene, build.choose_views(scene, view)[0], build.build_detector(detector))
     key = fingerprint(scene, bench.view, volpath=volpath)
+    asked = {"scene": scene_file, "seconds": seconds, "view": view}
+    asked |= {"detector": detector, "volpath": volpath}
+    inputs = [*build.scene_files(scene, scene_file), *detector_files(detector)]
+    RunFolder(out, "accuracy").renew(asked, hashes(inputs))
     reference = converge(
         bench,
         out / f"reference_{key}.pt",

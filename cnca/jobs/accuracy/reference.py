@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,11 +14,12 @@ from torch.nn import functional
 from cnca import build
 from cnca.core.color import linear_to_srgb
 from cnca.core.files import replacing
-from cnca.core.manifest import versions
+from cnca.core.manifest import DRAWING, hashes, program
 from cnca.core.progress import bar
 from cnca.core.types import LinearImages
 from cnca.effects.plan import Demand, EffectPlan
 from cnca.jobs.accuracy.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
+from cnca.judge.gallery import digest
 from cnca.judge.scores import detection_score
 from cnca.mi_bridge.volpath import exposed_volpath
 from cnca.scene.cameras import View
@@ -36,8 +35,6 @@ CHANCE = 3.0
 """Standard errors by which the means of halves that agree may differ: 0.3 % do more by chance."""
 REFERENCE_SEED = 1 << 20
 """Far from the seeds of what is compared with it: they never share random numbers."""
-SOURCES = ("mi_bridge/*.py", "scene/*.py", "vehicle/**/*.py", "effects/*.py")
-"""Whose change makes another reference."""
 
 
 class Bench:
@@ -168,17 +165,11 @@ def agreement(bench: Bench, reference: Reference) -> dict[str, float | bool]:
 
 def fingerprint(scene: Scene, view: View, *, volpath: bool = False) -> str:
     """Hash of all that the reference depends on."""
+    # The view and the number of rays are told apart.
     settings = scene.model_dump(mode="json", exclude={"cameras", "variation"})
     settings["image"].pop("samples")
-    digest = hashlib.sha256(json.dumps([settings, asdict(view), versions(), volpath]).encode())
-    package = Path(__file__).parents[2]
-    files = [f for pattern in SOURCES for f in sorted(package.glob(pattern))]
-    section = scene.vehicle
-    named = (section.mesh, section.paint_mask, section.base_texture)
-    files += [scene.base / name for name in named if name and not name.startswith("builtin:")]
-    for file in files:
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    files = sorted(hashes(build.files_behind(scene)).values())
+    return digest(program(*DRAWING), settings, view, volpath, files)[:16]
 
 
 def _add(sums: list[Tensor], half: int, value: Tensor) -> None:

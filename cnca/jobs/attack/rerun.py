@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -13,9 +12,9 @@ from rich.console import Console
 from cnca.attack.settings import Settings
 from cnca.core.errors import RunError, did_you_mean
 from cnca.core.images import read_texture_srgb
-from cnca.core.manifest import hashes, read_json, versions
+from cnca.core.manifest import Manifest, hashes
 from cnca.jobs.attack.request import Request
-from cnca.jobs.attack.run import run
+from cnca.jobs.attack.run import JOB, run
 
 
 @dataclass(frozen=True)
@@ -38,31 +37,25 @@ def rerun(manifest: Path, out: Path, console: Console) -> Rerun:
     Raises:
         RunError: no manifest of ``cnca optimize``, or a file that the run read is gone or changed.
     """
-    content = read_json(manifest)
+    content = Manifest.read(manifest)
     request = read_request(manifest, content, out)
-    _check_inputs(manifest, content.get("inputs", {}))
+    _check_inputs(manifest, content.inputs)
     run(request, console)
     first = manifest.with_name("texture.png")
     difference = None
     if first.exists():
         textures = [read_texture_srgb(path) for path in (first, out / "texture.png")]
         difference = float(np.abs(textures[0] - textures[1]).max())
-    now = versions()
-    others = {
-        name: (was, now.get(name, "missing"))
-        for name, was in content.get("versions", {}).items()
-        if was != now.get(name)
-    }
-    return Rerun(out, others, difference)
+    return Rerun(out, content.other_versions(), difference)
 
 
-def read_request(manifest: Path, content: dict[str, Any], out: Path) -> Request:
+def read_request(manifest: Path, content: Manifest, out: Path) -> Request:
     """The request that :meth:`cnca.jobs.attack.request.Request.as_dict` wrote, for another folder.
 
     Raises RunError for keys and values that are not a request's.
     """
-    request = content.get("request")
-    if not isinstance(request, dict) or not isinstance(request.get("settings"), dict):
+    request = content.request
+    if content.job not in ("", JOB) or not isinstance(request.get("settings"), dict):
         raise RunError(f"{manifest}: not the manifest of a cnca optimize")
     for part, kind in ((request, Request), (request["settings"], Settings)):
         known = [field.name for field in fields(kind)]

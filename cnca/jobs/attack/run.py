@@ -22,12 +22,12 @@ from cnca.attack.objectives import load_objective
 from cnca.attack.parts import Attack
 from cnca.attack.targets import Target, parse_targets, refuse_black_boxes
 from cnca.core import parallel
-from cnca.core.errors import RunError
-from cnca.core.files import append_text, remove_unfinished, write_text
+from cnca.core.files import append_text, write_text
 from cnca.core.images import write_texture_srgb
-from cnca.core.manifest import hashes, read_json, versions, write_json
+from cnca.core.manifest import hashes, write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import tensorboard
 from cnca.jobs.attack.request import Request
@@ -41,6 +41,8 @@ from cnca.scene.variation import draw_views, draw_weathers, in_blocks
 HELD_OUT_SEED = 104_729
 """Added to a run's seed for the views that judge it: never those that trained it."""
 CHECKPOINT = "checkpoint.pt"
+JOB = "optimize"
+"""Which command's run the folder holds."""
 
 
 def run(request: Request, console: Console) -> dict[str, Any]:
@@ -54,7 +56,7 @@ def run(request: Request, console: Console) -> dict[str, Any]:
     scene = load_scene(request.scene)
     attack = assemble(request, scene)
     progress = start(attack, request.settings)
-    parallel.by_first(lambda: _claim(request, scene))
+    parallel.by_first(lambda: _claim(request, scene, console))
     if (request.out / CHECKPOINT).exists():
         checkpoint.restore(progress, request.out / CHECKPOINT)
     _attack(request, attack, progress, console)
@@ -94,26 +96,16 @@ def build_generator(request: Request) -> TextureGenerator:
     )
 
 
-def _claim(request: Request, scene: Scene) -> None:
-    """Begin a run folder, or see that it holds this run, which is to be resumed."""
-    manifest = request.out / "manifest.json"
-    if manifest.exists() and not request.resume:
-        raise RunError(f"{request.out}: already holds a run; add --resume or choose another --out")
-    if manifest.exists():
-        before = read_json(manifest)["request"]
-        now = request.as_dict()
-        differing = [key for key in now if now[key] != before.get(key)]
-        if differing:
-            raise RunError(f"{request.out}: was started with another {', '.join(differing)}")
-    else:
-        names = parse_targets(request.detectors)
-        parts = request.backend, request.objective
-        inputs = build.input_files(
-            scene, request.scene, names, request.generator, request.efr, parts
-        )
-        content = {"request": request.as_dict(), "versions": versions(), "inputs": hashes(inputs)}
-        write_json(manifest, content)
-    remove_unfinished(request.out)
+def claim(request: Request, scene: Scene, *, resume: bool) -> dict[str, tuple[str, str]]:
+    """Begin the run's folder, or see that it holds this run; see :meth:`RunFolder.claim`."""
+    names, parts = parse_targets(request.detectors), (request.backend, request.objective)
+    inputs = build.input_files(scene, request.scene, names, request.generator, request.efr, parts)
+    return RunFolder(request.out, JOB).claim(request.as_dict(), hashes(inputs), resume=resume)
+
+
+def _claim(request: Request, scene: Scene, console: Console) -> None:
+    for package, (then, now) in claim(request, scene, resume=request.resume).items():
+        console.print(f"begun with {package} {then}, goes on with {now}: not bit for bit the same")
 
 
 def _attack(request: Request, attack: Attack, progress: Progress, console: Console) -> None:

@@ -15,10 +15,12 @@ from cnca.core.files import replacing
 from cnca.core.images import read_texture_srgb
 from cnca.core.manifest import read_json, write_json
 from cnca.core.pictures import side_by_side, write_png
+from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import PromptScorer
 from cnca.jobs.attack.request import Request
-from cnca.jobs.attack.run import run
+from cnca.jobs.attack.run import JOB, claim, run
 from cnca.judge.naturalness import Naturalness, of_run
+from cnca.scene.schema import load_scene
 
 TILE = 224
 """Pixels per side of a texture in a table's picture."""
@@ -57,13 +59,11 @@ def row(request: Request, label: str, scorer: PromptScorer, console: Console) ->
     """The attack in ``request.out``, run to its end unless it is there; then measured.
 
     Raises:
-        RunError: the folder holds a run of another request.
+        RunError: the folder holds a run of another request, or of files that have changed since.
     """
-    summary_file, manifest = request.out / "summary.json", request.out / "manifest.json"
-    if summary_file.exists() and manifest.exists():
-        before = read_json(manifest)["request"]
-        if before != request.as_dict():
-            raise RunError(f"{request.out}: holds a run of another request; choose another --out")
+    summary_file = request.out / "summary.json"
+    if summary_file.exists() and RunFolder(request.out, JOB).occupied:
+        claim(request, load_scene(request.scene), resume=True)
         summary = read_json(summary_file)
     else:
         console.print(f"{label}: {request.out}", soft_wrap=True)

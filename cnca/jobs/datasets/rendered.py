@@ -7,7 +7,6 @@ one pose and weather share what lies around the vehicle, seen beside its plain p
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,9 +21,10 @@ from cnca import build
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
-from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.manifest import hashes
 from cnca.core.pictures import SrgbPicture, as_pictures
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearTexture
 from cnca.effects.plan import Demand
 from cnca.jobs.datasets.layout import DataSet, Mask
@@ -72,7 +72,9 @@ def render_dataset(
     samples = samples or scene.image.samples
     data = DataSet(out)
     request = {"scene": scene.model_dump(mode="json"), "samples": samples}
-    parallel.by_first(lambda: _claim(out, request, scene_file))
+    inputs = hashes(build.scene_files(scene, scene_file))
+    # The same command goes on without a word: its parts run side by side, in any order.
+    parallel.by_first(lambda: RunFolder(out, "render-dataset").claim(request, inputs, resume=True))
     part, parts = part - 1 + parts * parallel.rank(), parts * parallel.count()
     own = [k for k in range(count) if k // SHARING % parts == part]
     missing = [k for k in own if not data.has(k)]
@@ -151,16 +153,3 @@ class _Stage:
                 self._paint.apply(), [view], weather, beside, seed=BACKGROUND_SEED
             )
         return image, mask
-
-
-def _claim(out: Path, request: dict[str, Any], scene_file: Path) -> None:
-    """Note what the pictures are made from, or see that it is what they were made from."""
-    manifest, request = out / "manifest.json", json.loads(json.dumps(request))
-    if not manifest.exists():
-        content = {"request": request, "versions": versions(), "inputs": hashes([scene_file])}
-        write_json(manifest, content)
-        return
-    before = json.loads(manifest.read_text(encoding="utf-8"))["request"]
-    differing = [key for key in request if request[key] != before.get(key)]
-    if differing:
-        raise RunError(f"{out}: holds pictures of another {' and '.join(differing)}")

@@ -6,19 +6,18 @@ below ``pictures``, ``detections`` and ``boxes`` what makes a rerun quick.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
 
 from cnca import build
 from cnca.core import parallel
-from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.manifest import hashes, write_json
 from cnca.core.pictures import write_png
 from cnca.core.progress import bar
 from cnca.core.records import as_json
+from cnca.core.run_folder import RunFolder
 from cnca.detect import detector_files
 from cnca.jobs.evaluate.parts import Request, build_eyes, build_stages
 from cnca.judge.candidates import Candidate, named, parse_candidates
@@ -29,6 +28,9 @@ from cnca.judge.verdict import Seen
 from cnca.report.evidence_pictures import contact_sheet, plot_azimuths, plot_sections
 from cnca.report.tables import write_markdown
 from cnca.scene.schema import load_scene
+
+JOB = "evaluate"
+"""Which command's results the folder holds."""
 
 
 def evaluate_scenes(request: Request, console: Console) -> Evidence:
@@ -84,6 +86,4 @@ def _write_manifest(request: Request, candidates: Sequence[Candidate]) -> None:
         inputs += detector_files(named(spec)[1])
     if request.prompt is not None:
         inputs.append(request.generator or build.SHIPPED_GENERATOR)
-    fields = json.loads(json.dumps(asdict(request), default=str))
-    content = {"request": fields, "versions": versions(), "inputs": hashes(inputs)}
-    write_json(request.out / "manifest.json", content)
+    RunFolder(request.out, JOB).renew(request, hashes(inputs))

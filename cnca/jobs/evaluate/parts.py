@@ -12,7 +12,7 @@ import torch
 from cnca import build
 from cnca.attack.parts import prompt_texture
 from cnca.core.errors import DetectorError, RunError
-from cnca.core.manifest import hashes
+from cnca.core.manifest import DETECTING, PAINTING, hashes, program
 from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files
 from cnca.jobs.attack.run import held_out_shots
@@ -71,7 +71,8 @@ def build_eyes(specs: Sequence[str]) -> list[Eye]:
         name, what = named(spec)
         detector = build.build_detector(what)
         build.vehicle_label(detector.class_names)  # those without a car see no camouflage either
-        key = digest(detector.name, sorted(hashes(detector_files(what)).values()))
+        files = sorted(hashes(detector_files(what)).values())
+        key = digest(detector.name, files, program(*DETECTING))
         eyes.append(Eye(name or detector.name, detector, key))
         if [eye.name for eye in eyes].count(eyes[-1].name) > 1:
             raise DetectorError(
@@ -111,7 +112,13 @@ def _stage(
         shots=_shots(request, scene),
         coats=make_coats(paint, textures, prompts(), wanted=request.controls, seed=request.seed),
         folder=request.out,
-        key=scene_key(scene, vehicle, backend=backend, samples=samples),
+        key=scene_key(
+            scene,
+            vehicle,
+            files=hashes(build.files_behind(scene)),
+            backend=backend,
+            samples=samples,
+        ),
     )
     return stage if frames is None else _over_frames(stage, frames)
 
@@ -156,7 +163,8 @@ def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, Srg
     if prompt is None:
         return prompts
     folder = request.generator or build.SHIPPED_GENERATOR
-    key = digest(prompt, request.seed, sorted(hashes([folder]).values()))
+    files = sorted(hashes([folder]).values())
+    key = digest(prompt, request.seed, files, program(*PAINTING))
 
     def paint_it() -> torch.Tensor:
         return prompt_texture(build.build_generator(request.generator), prompt, request.seed)[None]

@@ -7,9 +7,8 @@ resampled for itself.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -21,10 +20,11 @@ from cnca.core import parallel
 from cnca.core.boxes import area, iou_matrix
 from cnca.core.errors import RunError
 from cnca.core.files import replacing
-from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.manifest import hashes, write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.core.progress import bar
 from cnca.core.records import as_json
+from cnca.core.run_folder import RunFolder
 from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.detect import detector_files
 from cnca.jobs.evaluate.parts import build_eyes
@@ -248,6 +248,4 @@ def _write_manifest(request: PhotoRequest, photos: Sequence[Photo]) -> None:
     inputs = [request.labels, *(photo.path for photo in photos)]
     for spec in request.detectors:
         inputs += detector_files(named(spec)[1])
-    fields = json.loads(json.dumps(asdict(request), default=str))
-    content = {"request": fields, "versions": versions(), "inputs": hashes(inputs)}
-    write_json(request.out / "manifest.json", content)
+    RunFolder(request.out, "evaluate --photos").renew(request, hashes(inputs))

@@ -21,14 +21,15 @@ from pydantic import Field
 from rich.console import Console
 from scipy.ndimage import distance_transform_edt
 
+from cnca import build
 from cnca.core.errors import RunError, did_you_mean
 from cnca.core.files import write_text
 from cnca.core.images import SrgbArray, read_mask
-from cnca.core.manifest import write_json
+from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
 from cnca.core.records import as_json
 from cnca.jobs.printing.press import difference, load_press
-from cnca.jobs.printing.printed_run import Prediction, predict, read_run
+from cnca.jobs.printing.printed_run import RUN_FILES, Prediction, predict, read_run
 from cnca.jobs.printing.sheets import PAPERS, PIXEL, Artwork, lay_out, printed_area, write_pdf
 from cnca.judge.records import Estimate
 from cnca.scene.schema import Scene
@@ -126,6 +127,8 @@ def print_sheets(
             lambda figure: _key(figure, panels, skin, texture),
             lambda: shown.advance(task),
         )
+    inputs = [folder / name for name in RUN_FILES] + ([profile] if profile else [])
+    inputs += build.scene_files(run.scene, Path(run.request["scene"]))
     change = difference(wanted, printed)
     report = SheetReport(
         run=str(folder),
@@ -138,7 +141,8 @@ def print_sheets(
         color_change=_color_change(change[run.paint.mask[0].numpy() > 0.5]),
         prediction=predict(run, as_tensor, console) if judged else None,
     )
-    write_json(out.with_suffix(".json"), as_json(report))
+    made_from = {"versions": versions(), "inputs": hashes(inputs)}
+    write_json(out.with_suffix(".json"), as_json(report) | made_from)
     write_text(out.with_suffix(".md"), markdown(report))
     return report
 

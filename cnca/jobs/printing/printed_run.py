@@ -26,6 +26,9 @@ from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene, load_scene
 from cnca.vehicle.model import Vehicle
 
+RUN_FILES = ("manifest.json", "summary.json", "texture.png")
+"""What is read of a finished run."""
+
 
 @dataclass(frozen=True)
 class Run:
@@ -47,7 +50,7 @@ class Run:
 def read_run(folder: Path) -> Run:
     """The run in a folder; raises RunError where none is, or where it has not finished."""
     contents = []
-    for name in ("manifest.json", "summary.json", "texture.png"):
+    for name in RUN_FILES:
         file = folder / name
         if not file.is_file():
             raise RunError(f"{file}: not there; print-sheets takes the folder of a finished run")

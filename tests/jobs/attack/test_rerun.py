@@ -13,7 +13,7 @@ from rich.console import Console
 from cnca.attack.settings import Settings
 from cnca.core.errors import RunError
 from cnca.core.images import write_texture_srgb
-from cnca.core.manifest import hashes, versions, write_json
+from cnca.core.manifest import Manifest, hashes, versions, write_json
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import run
 from cnca.jobs.attack.rerun import read_request, rerun
@@ -81,13 +81,13 @@ def test_a_request_comes_back_as_it_was_written():
     asked = run.Request(
         Path("a.yaml"), Path("c"), settings, ("b.cfg", "c.cfg=2"), generator=Path("d")
     )
-    assert read_request(Path("m"), {"request": asked.as_dict()}, Path("c")) == asked
+    assert read_request(Path("m"), Manifest("", asked.as_dict(), {}, {}), Path("c")) == asked
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"request": {"scene": "a"}}, "m: not the manifest of a cnca optimize"),
+        ({"request": {"settings": "a"}}, "m: not the manifest of a cnca optimize"),
         ({"stepps": 3}, "m: stepps: unknown key; did you mean 'steps'?"),
         ({"steps": "many"}, "m: settings.steps: Input should be a valid integer"),
         ({"steps": 0}, "steps is 0"),
@@ -95,7 +95,7 @@ def test_a_request_comes_back_as_it_was_written():
 )
 def test_a_manifest_that_is_none_is_named(change, message):
     asked = run.Request(Path("a.yaml"), Path("c"), Settings("p")).as_dict()
-    content = {"request": {**asked, "settings": asked["settings"] | change}}
+    content = {**asked, "settings": asked["settings"] | change, **change.pop("request", {})}
     with pytest.raises(RunError, match=message.replace("?", r"\?")) as caught:
-        read_request(Path("m"), content | change, Path("c"))
+        read_request(Path("m"), Manifest("optimize", content, {}, {}), Path("c"))
     assert "\n" not in str(caught.value)

@@ -3,6 +3,7 @@
 import errno
 import json
 import math
+import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +12,18 @@ import cv2
 import pytest
 import torch
 from rich.console import Console
+from safetensors.torch import load_file, save_file
 
+from cnca import cli
 from cnca.attack import checkpoint
 from cnca.attack.settings import Settings
 from cnca.attack.targets import Target
 from cnca.core.errors import DetectorError, NonFiniteError, RunError
-from cnca.detect import BUILTIN_CONFIG
+from cnca.detect import BUILTIN_CONFIG, detector_files
 from cnca.detect.white_box import DarknetDetector
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import run
+from cnca.scene.schema import load_scene
 from tests.fakes import BrightnessDetector
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 
@@ -109,6 +113,52 @@ def test_a_run_leaves_everything_and_resumes_bit_for_bit(request_for, monkeypatc
         run.run(request_for("whole"), quiet())
     with pytest.raises(RunError, match="was started with another settings"):
         run.run(request_for("whole", resume=True, steps=9), quiet())
+
+
+@pytest.fixture
+def complaint(request_for, monkeypatch, capsys, tmp_path):
+    """Begin a run whose detector lies in ``tmp_path``; return what resuming it then says."""
+    for file in detector_files("builtin"):
+        shutil.copy(file, tmp_path / f"own{file.suffix}")
+    request = replace(request_for("begun"), detectors=(str(tmp_path / "own.cfg"),))
+    run.claim(request, load_scene(request.scene), resume=False)
+    options = {"scene": request.scene, "detector": request.detectors[0], "out": request.out}
+    options |= {"generator": request.generator, "prompt": "zebra strips", "steps": STEPS}
+    options |= {"views-per-step": 1, "learning-rate": 0.1, "spp": 2, "held-out-views": 4}
+
+    def resume(**changed: object) -> str:
+        words = [word for k, v in (options | changed).items() for word in (f"--{k}", str(v))]
+        monkeypatch.setattr("sys.argv", ["cnca", "optimize", *words, "--resume"])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        assert ended.value.code == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert not (request.out / "checkpoint.pt").exists()
+        return line
+
+    return resume
+
+
+def test_a_run_does_not_go_on_from_what_has_changed(complaint, tmp_path):
+    assert "was started with another settings.steps (was 3, now 9)" in complaint(steps=9)
+    scene, names = tmp_path / "scene.yaml", tmp_path / "own.names"
+    scene.write_text(SCENE.replace("[6, 7]", "[6, 8]"))
+    assert f"{scene}: has changed since" in complaint()
+    scene.write_text(SCENE)
+    content = names.read_bytes()
+    names.write_bytes(content + b"\n")
+    assert f"{names}: has changed since" in complaint()
+    names.write_bytes(content)
+    report = tmp_path / "own.json"
+    report.rename(tmp_path / "away.json")
+    assert f"{report}: is gone, and" in complaint()
+    (tmp_path / "away.json").rename(report)
+    weights = tmp_path / "own.safetensors"
+    tensors = load_file(weights)
+    save_file({name: tensor + 0 for name, tensor in tensors.items()}, weights, {"of": "another"})
+    assert f"{weights}: has changed since" in complaint()
+    weights.unlink()
+    assert "own.safetensors" in complaint()
 
 
 def test_a_resumed_run_keeps_its_kind_of_feature(request_for, monkeypatch):

@@ -3,7 +3,6 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,6 +16,8 @@ from cnca.core.errors import RunError
 from cnca.core.images import write_texture_srgb
 from cnca.jobs.attack import auto_tau, runs
 from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.run import claim
+from cnca.scene.schema import load_scene
 
 QUIET = Console(quiet=True)
 
@@ -46,7 +47,7 @@ def started(monkeypatch) -> list[Request]:
             "AP@0.5": {"after": grey},
         }
         (request.out / "summary.json").write_text(json.dumps(summary))
-        (request.out / "manifest.json").write_text(json.dumps({"request": request.as_dict()}))
+        claim(request, load_scene(request.scene), resume=True)
         return summary
 
     monkeypatch.setattr(runs, "run", attack)
@@ -55,7 +56,9 @@ def started(monkeypatch) -> list[Request]:
 
 @pytest.fixture
 def request_(tmp_path) -> Request:
-    return Request(Path("scene.yaml"), tmp_path / "table", Settings("zebra"))
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("vehicle: {texture_size: 32}")
+    return Request(scene, tmp_path / "table", Settings("zebra"))
 
 
 def test_tradeoff_writes_the_papers_table_and_goes_on_where_it_was(started, request_):
@@ -83,8 +86,17 @@ def test_prompts_have_a_folder_each(started, request_):
 def test_runs_of_another_request_are_not_mistaken_for_ours(started, request_):
     runs.tradeoff(request_, [1.0], Brightness(), QUIET)
     other = replace(request_, settings=replace(request_.settings, steps=7))
-    with pytest.raises(RunError, match="tau_1: holds a run of another request"):
+    with pytest.raises(
+        RunError, match=r"tau_1: was started with another settings.steps \(was 100, now 7\)"
+    ):
         runs.tradeoff(other, [1.0], Brightness(), QUIET)
+
+
+def test_a_finished_run_of_a_scene_that_has_changed_since_is_not_taken_for_ours(started, request_):
+    runs.tradeoff(request_, [1.0], Brightness(), QUIET)
+    request_.scene.write_text("vehicle: {texture_size: 64}")
+    with pytest.raises(RunError, match=r"scene\.yaml: has changed since .*tau_1 was started"):
+        runs.tradeoff(request_, [1.0], Brightness(), QUIET)
 
 
 @pytest.mark.parametrize("least", [0.3, 0.45, 0.6, 0.9])

@@ -59,8 +59,15 @@ def test_a_picture_is_what_its_record_says(render, tmp_path):
 
 def test_another_data_set_is_not_mixed_in(render):
     render("out", images=1)
-    with pytest.raises(RunError, match="holds pictures of another samples"):
+    with pytest.raises(RunError, match=r"was started with another samples \(was 2, now 4\)"):
         render("out", images=1, samples=4)
+
+
+def test_a_scene_that_changed_in_between_is_refused(render, tmp_path):
+    render("out", images=1)
+    (tmp_path / "scene.yaml").write_text(SCENE.replace("height: 24", "height: 23"))
+    with pytest.raises(RunError, match=r"another scene\.image\.height \(was 24, now 23\)"):
+        render("out", images=1)
 
 
 @pytest.mark.parametrize("images", [0, 10**9])
