@@ -320,9 +320,17 @@ def input_files(
     """
     files = [file for name in detectors for file in detector_files(name)]
     files += [efr_file(efr)] if efr else []
-    shared = [] if generator and is_plugin(str(generator)) else [generator or SHIPPED_GENERATOR]
-    own = [plugin_file(part) for part in (*parts, str(generator)) if is_plugin(part)]
-    return [*scene_files(scene, scene_file), *shared, *files, *(file for file in own if file)]
+    own = [plugin_file(part) for part in parts if is_plugin(part)]
+    files += [file for file in own if file]
+    return [*scene_files(scene, scene_file), *generator_files(generator), *files]
+
+
+def generator_files(path: Path | None) -> list[Path]:
+    """What :func:`build_generator` reads: a folder, or where a user's own is written."""
+    if path is None or not is_plugin(str(path)):
+        return [path or SHIPPED_GENERATOR]
+    file = plugin_file(str(path))
+    return [file] if file else []
 
 
 def scene_files(scene: Scene, scene_file: Path) -> list[Path]:

@@ -58,7 +58,7 @@ def generator_accuracy(
         raise RunError(f"--probes {probes}: give at least 1")
     gradients: dict[int, list[Tensor]] = {}
     seconds: dict[int, list[float]] = {}
-    inputs = hashes([generator or build.SHIPPED_GENERATOR])
+    inputs = hashes(build.generator_files(generator))
     asked: dict[str, Any] = {"prompt": prompt, "generator": generator, "feature": feature}
     asked |= {"guidance": guidance, "probes": probes, "seed": seed}
     RunFolder(out, "accuracy-generator").renew(asked, inputs)

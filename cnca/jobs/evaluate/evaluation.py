@@ -85,5 +85,5 @@ def _write_manifest(request: Request, candidates: Sequence[Candidate]) -> None:
     for spec in request.detectors:
         inputs += detector_files(named(spec)[1])
     if request.prompt is not None:
-        inputs.append(request.generator or build.SHIPPED_GENERATOR)
+        inputs += build.generator_files(request.generator)
     RunFolder(request.out, JOB).renew(request, hashes(inputs))

@@ -162,8 +162,7 @@ def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, Srg
     prompt = request.prompt
     if prompt is None:
         return prompts
-    folder = request.generator or build.SHIPPED_GENERATOR
-    files = sorted(hashes([folder]).values())
+    files = sorted(hashes(build.generator_files(request.generator)).values())
     key = digest(prompt, request.seed, files, program(*PAINTING))
 
     def paint_it() -> torch.Tensor:
