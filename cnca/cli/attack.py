@@ -10,8 +10,11 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.help import ATTACK, BEGIN
 from cnca.cli.options import Given, Scorer, takes
+from cnca.core.errors import RunError
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
 from cnca.jobs.attack.request import Request
+
+DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "colorful camouflage"
 
 Tau = Annotated[
     str,
@@ -50,16 +53,19 @@ def optimize(
 
     Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the work of each step.
     """
-    from cnca.cli import attack_output as terminal
     from cnca.core import parallel
+    from cnca.jobs.attack.runs import read_tau, under_tau
 
     with parallel.joined():
+        request = given.record()
         if dry_run:
-            from cnca.jobs.attack.forecast import dry_run as forecast
-
-            forecast(given.record(), tau)
+            _forecast(under_tau(request, read_tau(tau)))
+        elif tau == "auto":
+            _search_tau(request, min_prompt_score, scorer)
+        elif min_prompt_score is not None or scorer is not None:
+            raise RunError("--min-prompt-score and --scorer belong to --tau auto; leave them out")
         else:
-            terminal.optimize(given.record(), tau, min_prompt_score, scorer)
+            run_attack(under_tau(request, read_tau(tau)))
 
 
 @app.command(rich_help_panel=ATTACK)
@@ -75,9 +81,13 @@ def tradeoff(
 
     The same command goes on after an interruption.
     """
-    from cnca.cli import attack_output as terminal
+    from cnca.cli import show
+    from cnca.gen.scorer import load_scorer
+    from cnca.jobs.attack.runs import read_taus, tradeoff
 
-    terminal.tradeoff(given.record(), taus, scorer)
+    request = given.record()
+    tradeoff(request, read_taus(taus), load_scorer(scorer), show.messages())
+    show.attack_table(request.out, "tradeoff")
 
 
 @app.command(rich_help_panel=ATTACK)
@@ -92,17 +102,82 @@ def prompts(
 
     The same command goes on after an interruption.
     """
-    from cnca.cli import attack_output as terminal
+    from cnca.cli import show
+    from cnca.gen.scorer import load_scorer
+    from cnca.jobs.attack.runs import prompts, read_tau, under_tau
 
-    terminal.prompts(given.record(prompt=wanted[0]), wanted, tau, scorer)
+    request = under_tau(given.record(prompt=wanted[0]), read_tau(tau))
+    prompts(request, wanted, load_scorer(scorer), show.messages())
+    show.attack_table(request.out, "prompts")
 
 
 @app.command(rich_help_panel=BEGIN)
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder of the run.")] = Path("out/demo"),
-    steps: Annotated[int, typer.Option(help="Updates of F_adv.")] = 80,
+    out: Annotated[Path, typer.Option(help="Folder of the run.", rich_help_panel=OUTPUT)] = Path(
+        "out/demo"
+    ),
+    steps: Annotated[int, typer.Option(help="Updates of F_adv.", rich_help_panel=STRENGTH)] = 80,
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
-    from cnca.cli import attack_output as terminal
+    from cnca.attack.settings import Settings
 
-    terminal.demo(out, steps)
+    resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
+    settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05)
+    run_attack(
+        Request(
+            DEMO_SCENE,
+            out,
+            settings,
+            full_overlap=0.5,
+            gradient_steps=10,
+            gradient_checkpointing=False,
+            resume=resume,
+        )
+    )
+
+
+@app.command(rich_help_panel=ATTACK)
+def rerun(
+    manifest: Annotated[Path, typer.Argument(help="manifest.json of a run.", rich_help_panel=WHAT)],
+    out: Annotated[Path, typer.Option(help="Folder of the new run.", rich_help_panel=OUTPUT)],
+) -> None:
+    """Repeat a run from its manifest, and say whether its texture came out the same."""
+    from cnca.cli import show
+    from cnca.jobs.attack.rerun import rerun
+
+    show.rerun(rerun(manifest, out, show.messages()))
+
+
+def run_attack(request: Request) -> None:
+    """Run an attack with progress, then say how it went and where everything is.
+
+    Ctrl-C or SIGTERM ends with the words that resume the run; see :mod:`cnca.core.interrupts`.
+    """
+    from cnca.cli import show
+    from cnca.core.interrupts import resumable
+    from cnca.jobs.attack.run import run
+
+    console = show.messages()
+    with resumable(console, f"the same command with --resume goes on in {request.out}"):
+        summary = run(request, console)
+    show.attack(request, summary)
+
+
+def _forecast(request: Request) -> None:
+    """Say what an attack will take."""
+    from cnca.cli import show
+    from cnca.jobs.attack.forecast import forecast
+
+    show.forecast(forecast(request))
+
+
+def _search_tau(request: Request, least: float | None, scorer: Path | None) -> None:
+    """Attack under several bounds for the strongest that keeps the prompt score ``least``."""
+    if least is None:
+        raise RunError("--tau auto: say --min-prompt-score, the cosine that must be kept")
+    from cnca.cli import show
+    from cnca.gen.scorer import load_scorer
+    from cnca.jobs.attack.auto_tau import auto_tau
+
+    choice = auto_tau(request, least, load_scorer(scorer), show.messages())
+    show.chosen_tau(request.out, choice)

@@ -1,20 +1,23 @@
 """``--config RUN.yaml``: flags from a file, by the names that the command has for them."""
 
+import math
+
 import pytest
 from typer.testing import CliRunner
 
-from cnca.cli import attack_output as terminal
+from cnca.cli import attack
 from cnca.cli import evidence_output as terminal_of_evidence
 from cnca.cli.app import app
 from cnca.core.errors import RunError
+from cnca.jobs.attack.request import Request
 
 
 @pytest.fixture
 def asked(monkeypatch):
-    """The requests that the command line came to, with the bound."""
-    found = []
-    monkeypatch.setattr(terminal, "optimize", lambda request, tau, *_: found.append((request, tau)))
-    return found
+    """The requests that the command line came to."""
+    requests: list[Request] = []
+    monkeypatch.setattr(attack, "run_attack", requests.append)
+    return requests
 
 
 @pytest.fixture
@@ -46,20 +49,20 @@ generator:
 def test_the_file_stands_in_for_flags_and_flags_go_before_it(asked, write):
     answer = _cnca("--config", write(FILE), "--steps", "5")
     assert answer.exit_code == 0, answer.output
-    [(request, tau)] = asked
+    [request] = asked
     assert (request.settings.steps, request.settings.views_per_step) == (5, 4)
     assert request.settings.decay is True
     assert request.settings.prompt == "zebra strips"
     assert (str(request.scene), str(request.out)) == ("builtin:sedan_clear", "out/zebra")
     assert request.generator is None
-    assert tau == "inf"
+    assert request.settings.tau == math.inf
 
 
 def test_a_repeatable_flag_may_stand_alone(asked, write):
     common = "scene: a.yaml, out: b, prompt: c"
     _cnca("--config", write(f"{{{common}, detector: builtin}}"))
     _cnca("--config", write(f"{{{common}, detector: [builtin, a.cfg=0.5]}}"))
-    assert [request.detectors for request, _ in asked] == [("builtin",), ("builtin", "a.cfg=0.5")]
+    assert [request.detectors for request in asked] == [("builtin",), ("builtin", "a.cfg=0.5")]
 
 
 def test_evaluate_takes_one_too(monkeypatch, write):

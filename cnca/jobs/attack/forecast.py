@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from rich.console import Console
 from rich.table import Table
 
 from cnca import build
@@ -24,7 +23,6 @@ from cnca.attack.parts import Attack
 from cnca.attack.settings import WEATHERS, Settings
 from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import assemble, held_out_shots
-from cnca.jobs.attack.runs import read_tau, under_tau
 from cnca.judge.evaluate import Shots, evaluate
 from cnca.scene.schema import load_scene
 
@@ -90,13 +88,6 @@ def forecast(request: Request) -> Forecast:
     device = torch.device(request.device)
     on_gpu = torch.cuda.max_memory_allocated(device) if device.type == "cuda" else None
     return Forecast(parts, peak + growth, on_gpu)
-
-
-def dry_run(request: Request, tau: str) -> None:
-    """Say what an attack under the bound ``tau`` will take."""
-    expected, shown = forecast(under_tau(request, read_tau(tau))), Console()
-    shown.print(expected.table())
-    shown.print(expected.sentence(), soft_wrap=True)
 
 
 def step_counts(settings: Settings) -> tuple[int, int, int, int]:

@@ -1,0 +1,51 @@
+"""What commands say last: tables of the terminal's width, places, and what to try next."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+
+from cnca.attack.settings import Settings
+from cnca.cli import app, show
+from cnca.jobs.attack.request import Request
+from cnca.report import MEANING
+
+WIDTH = 44
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(WIDTH))
+
+
+def _parse(said: str) -> list[str]:
+    """The commands among the lines said, each taken by the parser without running it."""
+    commands = [line.partition(": ")[2] for line in said.splitlines() if "cnca " in line]
+    for command in commands:
+        program, name, *rest = shlex.split(command)
+        assert program == "cnca"
+        typer.main.get_command(app).commands[name].make_context(name, rest)
+    return commands
+
+
+def test_an_attack_ends_with_the_picture_and_what_is_next(capsys):
+    out = Path("out/a rather long name of a folder/zebra")
+    request = Request(Path("my scene.yaml"), out, Settings("zebra"))
+    summary = {"ratio_to_shuffled": 0.25, "AP@0.5": dict.fromkeys(MEANING, 0.5)}
+    summary |= {f"score_{name}": 0.125 for name in MEANING}
+    show.attack(request, summary)
+    said = capsys.readouterr().out
+    table, after = said[: said.rindex("┘")], said[said.rindex("┘") :].splitlines()
+    assert max(map(len, table.splitlines())) <= WIDTH
+    assert "…" not in table
+    assert table.count("0.125") == len(MEANING)
+    assert f"before and after: {out}/before_after.png" in after  # whole: it can be copied
+    first, second = _parse(said)
+    assert shlex.split(first)[1:4] == ["evaluate", "--scene", "my scene.yaml"]
+    assert [line.partition(":")[0] for line in after[-2:]] == ["next", "or"]
+
+
+def test_cells_are_no_markup(capsys):
+    show.table(["name"], [["[bold]x"]])
+    assert "[bold]x" in capsys.readouterr().out
