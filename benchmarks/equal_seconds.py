@@ -86,7 +86,7 @@ class Contest:
 
         with suppress(TimeUp):
             optimize(attack, settings, progress, after_step)
-        return attack.texture(torch.zeros(0), progress.feature, 0).detach(), progress.step
+        return attack.texture(torch.zeros(0), progress.variables.latents, 0).detach(), progress.step
 
     def judge(self, textures: dict[str, SrgbTexture]) -> dict[str, Measured]:
         """How the detector sees each of them on the path tracer's held-out views."""

@@ -13,17 +13,27 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import torch
+
 from cnca.attack import checkpoint
 from cnca.attack.loop import optimize, start
 from cnca.attack.settings import Settings
 from cnca.core import parallel
-from tests.fake_attack import SlantedRenderer, attack
+from tests.fake_attack import NoisyGreyGenerator, SlantedRenderer, attack
 
-SETTINGS = Settings("grey", steps=6, views_per_step=4, learning_rate=0.1, check_every=2)
+SETTINGS = Settings(
+    "grey",
+    steps=6,
+    views_per_step=4,
+    learning_rate=0.1,
+    check_every=2,
+    variable="both",
+    jitter=True,
+)
 
 
 def run_rank(folder: Path, die_at: int | None = None) -> None:
-    attacked = replace(attack(), renderer=SlantedRenderer())
+    attacked = replace(attack(), renderer=SlantedRenderer(), generator=NoisyGreyGenerator())
     progress, records = start(attacked, SETTINGS), []
     saved, died = folder / "checkpoint.pt", folder / "died"
     if saved.exists():
@@ -38,8 +48,9 @@ def run_rank(folder: Path, die_at: int | None = None) -> None:
             died.touch()
             os.kill(os.getpid(), signal.SIGKILL)
 
-    feature = optimize(attacked, SETTINGS, progress, after_step)
-    outcome = {"feature": feature.tolist(), "records": records}
+    latents = optimize(attacked, SETTINGS, progress, after_step)
+    values = torch.cat([latents.feature.flatten(), latents.noises.flatten()])
+    outcome = {"feature": values.tolist(), "records": records}
     (folder / f"rank{parallel.rank()}.json").write_text(json.dumps(outcome))
 
 

@@ -24,6 +24,21 @@ class GreyGenerator:
         return adversarial_feature.sum().sigmoid().expand(3, 4, 4)
 
 
+@dataclass
+class NoisyGreyGenerator(GreyGenerator):
+    """The same, of the sum of F_adv and of the differences of neighbouring noises."""
+
+    noise_shape: tuple[int, int, int, int] = (2, 1, 8, 8)
+
+    def generate(
+        self, text_feature, adversarial_feature, generator, *, noises=None, together=False
+    ):
+        total = torch.zeros(()) if adversarial_feature is None else adversarial_feature.sum()
+        if noises is not None:
+            total = total + noises[..., 1:].sub(noises[..., :-1]).square().mean() - 2
+        return total.sigmoid().expand(3, 4, 4)
+
+
 class FlatRenderer:
     """Every pixel of every view is the mean albedo."""
 

@@ -36,12 +36,12 @@ def test_every_block_runs_and_the_first_is_the_command(small, tmp_path, monkeypa
         exec(compile(block, str(PAGE), "exec"), page)
         scores.append(_last_numbers(capsys.readouterr().out))
         if "shots" not in page:
-            by_page, settings = page["feature"], page["settings"]
+            by_page, settings = page["latents"].feature, page["settings"]
     assert len(scores[1]) == 2  # before and after
     assert scores[5][-1] < scores[5][0]
     # Its detector likes red and dislikes green, always: F_adv ends at its bound, ±τ = ±1.
-    assert page["feature"][0, [0, 3]].eq(-1).all()
-    assert page["feature"][0, [1, 4]].eq(1).all()
+    assert page["latents"].feature[0, [0, 3]].eq(-1).all()
+    assert page["latents"].feature[0, [1, 4]].eq(1).all()
     assert len(scores[7]) == 4
 
     request = run.Request(small, tmp_path / "run", settings, held_out_views=1)

@@ -1,4 +1,4 @@
-"""The best F_adv so far, by views that neither the attack nor its verdict sees."""
+"""The best latents so far, by views that neither the attack nor its verdict sees."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cnca.attack.targets import look, numbers
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import NonFiniteError
+from cnca.gen.latents import Latents
 from cnca.scene.variation import draw_views, draw_weathers
 
 VALIDATION_SEED = 7_919
@@ -25,23 +26,23 @@ WEATHERS, VIEWS = 4, 3
 
 @dataclass
 class Best:
-    """The best of the F_adv that were checked."""
+    """The best of the latents that were checked."""
 
-    feature: Tensor | None = None
+    latents: Latents | None = None
     loss: float = math.inf
     """Its L_adv over the validation views, weighted and summed over the targets."""
     step: int = 0
     misses: int = 0
     """Checks since then."""
 
-    def offer(self, feature: Tensor, loss: float, step: int) -> None:
-        """Keep this F_adv if it is better than all before; raises NonFiniteError for no number."""
+    def offer(self, latents: Latents, loss: float, step: int) -> None:
+        """Keep these latents if they are the best so far; raises NonFiniteError for no number."""
         if not math.isfinite(loss):
             raise NonFiniteError(
                 f"check after step {step}: the loss is not finite; --resume tries it again"
             )
         if loss < self.loss:
-            self.feature, self.loss, self.step = feature.detach().clone(), loss, step
+            self.latents, self.loss, self.step = latents, loss, step
             self.misses = 0
         else:
             self.misses += 1
@@ -61,10 +62,10 @@ class Validation:
         self.views = draw_views(attack.scene, WEATHERS * VIEWS, seed=self.seed)
 
     @torch.no_grad()
-    def look(self, feature: Tensor) -> dict[str, Any]:
-        """What the targets see of F_adv; keys as in :func:`cnca.attack.targets.numbers`."""
+    def look(self, latents: Latents) -> dict[str, Any]:
+        """What the targets see of these latents; keys as in :func:`cnca.attack.targets.numbers`."""
         attack, settings = self.attack, self.settings
-        texture = attack.texture(self.text_feature, feature, settings.seed, together=True)
+        texture = attack.texture(self.text_feature, latents, settings.seed, together=True)
         albedo = attack.paint.apply(texture)
         seen = torch.zeros(2, len(attack.targets))
         for k in parallel.share(range(WEATHERS)):

@@ -1,14 +1,14 @@
-"""The attack: prompt → diffusion → texture → path tracer → detector → loss → F_adv.
+"""The attack: prompt → diffusion → texture → path tracer → detector → loss → F_adv, noises.
 
 =====================  =========================================================
 in the code            in the paper
 =====================  =========================================================
 ``text_feature``       F_txt (equation 7)
-``feature``            F_adv; its bound τ is ``Settings.tau``
+``variables``          F_adv, within τ (``Settings.tau``); or the noises of DDIM
 ``texture``            T_adv = T2I([κ(F_adv), F_txt]) (equation 8)
 ``attack.objective``   L_adv of D_s (equation 11), or another
 ``optimizer.step``     the update of F_adv (equation 12; Adam, section 4.1)
-``project``            κ (equation 13)
+``variables.project``  κ (equation 13)
 =====================  =========================================================
 """
 
@@ -21,9 +21,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from torch import Tensor
 
+from cnca.attack import variables
 from cnca.attack.best import Best, Validation
+from cnca.attack.jitter import jittered
 from cnca.attack.parts import Attack
 from cnca.attack.settings import WEATHERS, Settings
 from cnca.attack.targets import (
@@ -33,10 +34,12 @@ from cnca.attack.targets import (
     refuse_non_finite,
     weighted_loss,
 )
+from cnca.attack.variables import Variables
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
-from cnca.core.errors import NonFiniteError, RunError
-from cnca.gen.feature import START_SPREAD, UPDATES, initial, project
+from cnca.core.errors import RunError
+from cnca.gen.feature import UPDATES
+from cnca.gen.latents import Latents
 from cnca.scene.cameras import View
 from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views, draw_weathers, in_blocks
@@ -48,25 +51,21 @@ class Progress:
     """All that changes from step to step: enough to go on after an interruption."""
 
     step: int
-    feature: Tensor
+    variables: Variables
     optimizer: torch.optim.Optimizer
     best: Best = field(default_factory=Best)
 
     @property
-    def result(self) -> Tensor:
-        """The best F_adv of those that were checked, else the last."""
-        return self.feature.detach() if self.best.feature is None else self.best.feature
+    def result(self) -> Latents:
+        """The best of the latents that were checked, else the last."""
+        return self.variables.copy() if self.best.latents is None else self.best.latents
 
 
 def start(attack: Attack, settings: Settings) -> Progress:
-    """F_adv at or near zero, and its optimizer."""
-    noise = torch.Generator().manual_seed(settings.seed)
-    spread = settings.start_spread
-    spread = START_SPREAD[settings.feature] if spread is None else spread
-    feature = initial(attack.generator.feature_shape, spread=spread, generator=noise)
-    feature = project(feature, settings.tau).requires_grad_()
+    """The variables at or near their origin, and their optimizer."""
+    moved = variables.start(attack.generator, settings)
     update: Any = UPDATES[settings.update]
-    return Progress(0, feature, update([feature], lr=settings.learning_rate))
+    return Progress(0, moved, update(moved.tensors, lr=settings.learning_rate))
 
 
 def optimize(
@@ -74,8 +73,8 @@ def optimize(
     settings: Settings,
     progress: Progress,
     after_step: Callable[[Progress, dict[str, Any]], None],
-) -> Tensor:
-    """Run the attack to its last step, or until checks bring nothing, and return F_adv.
+) -> Latents:
+    """Run the attack to its last step, or until checks bring nothing; returns what it came to.
 
     ``after_step`` is given the progress and a record of the step: step, loss (L_adv, weighted and
     summed over the targets), detection score (mean of max D_s, likewise weighted), both again for
@@ -83,50 +82,48 @@ def optimize(
 
     Raises:
         DetectorError: a detector gives no gradient.
-        NonFiniteError: a detector's loss, or the gradient of F_adv, is not finite.
+        NonFiniteError: a detector's loss, or a variable's gradient, is not finite.
         RunError: there are more processes than views in a step.
     """
     refuse_black_boxes(attack.targets)
     text_feature = attack.generator.encode(settings.prompt)
     pool = draw_pool(attack.scene, settings)
     validation = Validation(attack, settings, text_feature)
-    feature, optimizer, best = progress.feature, progress.optimizer, progress.best
+    moved, optimizer, best = progress.variables, progress.optimizer, progress.best
     while progress.step < settings.steps and not best.exhausted(settings.patience):
         clock, step = Clock(), progress.step
         every, weather = pool(step)
         views = parallel.share(every)
         seed = settings.seed * 1_000_003 + step
-        boxes = attack.renderer.vehicle_boxes(views)
+        boxes, where = attack.renderer.vehicle_boxes(views), f"step {step} (seed {seed})"
         with clock("generate"):
-            texture = attack.texture(text_feature, feature, settings.seed, together=True)
+            texture = attack.texture(text_feature, moved.latents, settings.seed, together=True)
             albedo = attack.paint.apply(texture)
         with clock("render"):
-            images = attack.render(albedo, views, weather, seed)
+            pictures = linear_to_srgb(attack.render(albedo, views, weather, seed))
+            if settings.jitter:
+                pictures, boxes = jittered(pictures, boxes, views, seed)
         with clock("detect"):
-            seen = look(attack.objective, attack.targets, linear_to_srgb(images), boxes)
-        refuse_non_finite(attack.targets, seen, where=f"step {step} (seed {seed})")
+            seen = look(attack.objective, attack.targets, pictures, boxes)
+        refuse_non_finite(attack.targets, seen, where)
 
         optimizer.zero_grad()
         with clock("backward"):
             seen = seen * len(views) / len(every)
-            weighted_loss(attack.targets, seen).backward()
-            parallel.add_up(feature.grad, seen)
-        if feature.grad is None or not torch.isfinite(feature.grad).all():
-            raise NonFiniteError(
-                f"step {step} (seed {seed}): the gradient of F_adv is not finite; "
-                "--resume tries this step again"
-            )
+            penalty = moved.penalty() + (attack.style(texture) if attack.style else 0.0)
+            (weighted_loss(attack.targets, seen) + penalty / parallel.count()).backward()
+            parallel.add_up(*moved.gradients(), seen)
+        moved.refuse_non_finite(where)
         optimizer.param_groups[0]["lr"] = settings.step_size(step)
         optimizer.step()
-        with torch.no_grad():
-            feature.copy_(project(feature, settings.tau))
+        moved.project()
 
         progress.step += 1
         record = {"step": progress.step, **numbers(attack.targets, seen)}
         if settings.checks(progress.step):
             with clock("check"):
-                record["validation"] = validation.look(feature)
-            best.offer(feature, record["validation"]["loss_adv"], progress.step)
+                record["validation"] = validation.look(moved.latents)
+            best.offer(moved.copy(), record["validation"]["loss_adv"], progress.step)
         after_step(progress, record | clock.seconds())
     return progress.result
 

@@ -9,9 +9,11 @@ import torch
 from torch import Tensor
 
 from cnca.attack.objectives import paper
+from cnca.attack.style import Style
 from cnca.attack.targets import Target
 from cnca.core import parallel
 from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
+from cnca.gen.latents import Latents
 from cnca.scene.cameras import View
 from cnca.scene.paint import Paint
 from cnca.scene.protocols import LoopRenderer, Objective, Renderer, Residual, TextureGenerator
@@ -32,16 +34,17 @@ class Attack:
     objective: Objective = field(default_factory=paper.Loss)
     """What is lowered of what they see."""
     residual: Residual | None = None
+    style: Style | None = None
+    """What is lowered beside it, so that the texture keeps its prompt."""
 
     def texture(
-        self, text_feature: Tensor, feature: Tensor, seed: int, *, together: bool = False
+        self, text_feature: Tensor, latents: Latents, seed: int, *, together: bool = False
     ) -> SrgbTexture:
-        """T_adv for one F_adv; the initial noise belongs to the seed and never changes.
+        """T_adv; what is drawn of noise belongs to the seed and never changes.
 
         ``together``: all processes of the job call this at once, and divide the work.
         """
-        noise = torch.Generator().manual_seed(seed)
-        return self.generator.generate(text_feature, feature, noise, together=together)
+        return latents.paint(self.generator, text_feature, seed, together=together)
 
     def render(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
@@ -62,6 +65,4 @@ class Attack:
 
 def prompt_texture(generator: TextureGenerator, prompt: str, seed: int) -> SrgbTexture:
     """What the generator paints with F_adv = 0, from the noise that an attack's seed stands for."""
-    noise, nothing = torch.Generator().manual_seed(seed), torch.zeros(generator.feature_shape)
-    with torch.no_grad():
-        return generator.generate(generator.encode(prompt), nothing, noise)
+    return Latents(torch.zeros(generator.feature_shape)).texture(generator, prompt, seed)

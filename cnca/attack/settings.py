@@ -10,6 +10,12 @@ from cnca.core.errors import RunError, did_you_mean
 from cnca.core.options import COST, STRENGTH, Flag
 from cnca.gen.choices import CONCAT, UPDATE_NAMES, check_kind
 
+FEATURE, NOISE, BOTH = "feature", "noise", "both"
+VARIABLES = (FEATURE, NOISE, BOTH)
+"""What an attack may move; see :mod:`cnca.attack.variables`."""
+BOUNDS = {FEATURE: 1.0, NOISE: math.inf}
+"""Bound τ on how far each element of a variable moves, where the settings say none."""
+
 WEATHERS = 16
 """Weathers that the steps take in turn, as many as the paper's data sets have."""
 
@@ -19,9 +25,14 @@ class Settings:
     """What the attack is to do; a new flag of ``cnca optimize`` is one field here."""
 
     prompt: Annotated[str, Flag("What the paint is to look like.")]
-    tau: float = 1.0
-    """Bound on each element of F_adv, ≥ 0; ``inf`` for none."""
-    steps: Annotated[int, Flag("Updates of F_adv.", STRENGTH)] = 100
+    tau: float | None = None
+    """Bound on how far each element of a variable moves, ≥ 0; ``inf`` for none; None takes that of
+    the variable (:data:`BOUNDS`)."""
+    variable: Annotated[
+        str, Flag("What is moved: feature (F_adv, the paper), noise, or both.", STRENGTH)
+    ] = FEATURE
+    """One of :data:`VARIABLES`."""
+    steps: Annotated[int, Flag("Updates of what is moved.", STRENGTH)] = 100
     views_per_step: Annotated[int, Flag("Pictures per update.", STRENGTH)] = 8
     view_pool: int = 256
     """Pictures that the steps come back to, so that backends may keep what never changes."""
@@ -37,6 +48,10 @@ class Settings:
     patience: Annotated[
         int, Flag("Stop after so many checks in a row without gain; 0 never stops.", COST)
     ] = 0
+    jitter: Annotated[
+        bool, Flag("Shift and scale the pictures in the loop a little.", STRENGTH)
+    ] = False
+    """See :mod:`cnca.attack.jitter`."""
     seed: Annotated[int, Flag("Seed of everything random.")] = 0
     feature: Annotated[
         str, Flag("concat (the paper) or replace (its released code).", STRENGTH)
@@ -56,9 +71,16 @@ class Settings:
         if self.patience and not self.check_every:
             raise RunError(f"patience is {self.patience}: it counts checks; give check_every too")
         check_kind(self.feature)
+        if self.variable not in VARIABLES:
+            hint = did_you_mean(self.variable, VARIABLES)
+            raise RunError(f"variable '{self.variable}': there is {', '.join(VARIABLES)}{hint}")
         if self.update not in UPDATE_NAMES:
             hint = did_you_mean(self.update, UPDATE_NAMES)
             raise RunError(f"update '{self.update}': there is {' and '.join(UPDATE_NAMES)}{hint}")
+
+    def bound(self, variable: str) -> float:
+        """The bound τ of ``feature`` or ``noise``."""
+        return BOUNDS[variable] if self.tau is None else self.tau
 
     @property
     def pool_size(self) -> int:

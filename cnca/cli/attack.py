@@ -17,8 +17,12 @@ from cnca.jobs.attack.request import Request
 DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "colorful camouflage"
 
 Tau = Annotated[
-    str,
-    typer.Option(help="Bound on each element of F_adv; inf for none.", rich_help_panel=STRENGTH),
+    str | None,
+    typer.Option(
+        help="Bound on how far each element moves; inf for none. By default 1 for F_adv, inf for "
+        "noises.",
+        rich_help_panel=STRENGTH,
+    ),
 ]
 
 
@@ -27,12 +31,13 @@ Tau = Annotated[
 def optimize(
     given: Given[Request],
     tau: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Bound on each element of F_adv; inf for none, auto to search it.",
+            help="Bound on how far each element moves; inf for none, auto to search it. By default "
+            "1 for F_adv, inf for noises.",
             rich_help_panel=STRENGTH,
         ),
-    ] = "1.0",
+    ] = None,
     min_prompt_score: Annotated[
         float | None,
         typer.Option(
@@ -54,18 +59,18 @@ def optimize(
     Under torchrun --nproc-per-node N -m cnca optimize, N processes divide the work of each step.
     """
     from cnca.core import parallel
-    from cnca.jobs.attack.runs import read_tau, under_tau
+    from cnca.jobs.attack.runs import bounded
 
     with parallel.joined():
         request = given.record()
         if dry_run:
-            _forecast(under_tau(request, read_tau(tau)))
+            _forecast(bounded(request, tau))
         elif tau == "auto":
             _search_tau(request, min_prompt_score, scorer)
         elif min_prompt_score is not None or scorer is not None:
             raise RunError("--min-prompt-score and --scorer belong to --tau auto; leave them out")
         else:
-            run_attack(under_tau(request, read_tau(tau)))
+            run_attack(bounded(request, tau))
 
 
 @app.command(rich_help_panel=ATTACK)
@@ -73,7 +78,7 @@ def optimize(
 def tradeoff(
     given: Given[Request],
     taus: Annotated[
-        str, typer.Option(help="Bounds on F_adv to compare.", rich_help_panel=STRENGTH)
+        str, typer.Option(help="Bounds to compare.", rich_help_panel=STRENGTH)
     ] = "0.1,0.5,1,1.5,inf",
     scorer: Scorer = None,
 ) -> None:
@@ -95,7 +100,7 @@ def tradeoff(
 def prompts(
     given: Given[Request],
     wanted: Annotated[list[str], typer.Argument(help="Prompts to compare.", rich_help_panel=WHAT)],
-    tau: Tau = "1.0",
+    tau: Tau = None,
     scorer: Scorer = None,
 ) -> None:
     """Attack with several prompts: the paper's table of styles, with numbers and pictures.
@@ -104,9 +109,9 @@ def prompts(
     """
     from cnca.cli import show
     from cnca.gen.scorer import load_scorer
-    from cnca.jobs.attack.runs import prompts, read_tau, under_tau
+    from cnca.jobs.attack.runs import bounded, prompts
 
-    request = under_tau(given.record(prompt=wanted[0]), read_tau(tau))
+    request = bounded(given.record(prompt=wanted[0]), tau)
     prompts(request, wanted, load_scorer(scorer), show.messages())
     show.attack_table(request.out, "prompts")
 

@@ -62,7 +62,6 @@ class ClipScorer:
             values.get("image_std", DEVIATION),
         )
 
-    @torch.no_grad()
     def score(self, pictures: SrgbImages, prompts: Sequence[str]) -> Cosines:
         """Return the cosine of every picture with every prompt."""
         seen = self._model.visual_projection(

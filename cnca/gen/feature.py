@@ -23,6 +23,7 @@ from torch import Tensor
 from cnca.core.errors import GeneratorError
 from cnca.core.files import replacing
 from cnca.gen.choices import CONCAT, REPLACE, UPDATE_NAMES, check_kind
+from cnca.gen.noise import Noises
 
 START_SPREAD = {CONCAT: 0.1, REPLACE: 0.0}
 """Standard deviation of F_adv at the start: tokens of padding are alike and, without it, would
@@ -73,29 +74,35 @@ UPDATES: dict[str, type[torch.optim.Optimizer]] = dict(
 """Name → update of F_adv (equation 12); the paper's is Adam."""
 
 
-def check_finite(feature: Feature) -> None:
-    """Raise :class:`GeneratorError` if F_adv holds NaN or infinity."""
-    bad = int((~torch.isfinite(feature)).sum())
+def check_finite(values: Tensor, subject: str = "F_adv has") -> None:
+    """Raise :class:`GeneratorError` if F_adv (the ``subject``) holds NaN or infinity."""
+    bad = int((~torch.isfinite(values)).sum())
     if bad:
         raise GeneratorError(
-            f"F_adv has {bad} of {feature.numel()} values that are NaN or infinite; "
-            "start again from a finite feature or with smaller steps"
+            f"{subject} {bad} of {values.numel()} values that are NaN or infinite; "
+            "start again from finite ones or with smaller steps"
         )
 
 
 @dataclass(frozen=True)
 class StoredFeature:
-    """An F_adv with what it was made for."""
+    """What an attack came to, F_adv or noises or both, with what it was made for."""
 
-    feature: Feature
+    feature: Feature | None
     prompt: str
     tau: float
+    """Bound on each element of F_adv; ``inf`` where there is none."""
     kind: str = CONCAT
+    noises: Noises | None = None
+    """Of stochastic DDIM; None where it was deterministic."""
 
     def save(self, path: Path) -> None:
         """Write a safetensors file whole or not at all; raises RunError if that cannot be done."""
         metadata = {"prompt": self.prompt, "tau": repr(float(self.tau)), "feature": self.kind}
-        content = save({"F_adv": self.feature.detach().contiguous()}, metadata)
+        tensors = {"F_adv": self.feature, "noises": self.noises}
+        content = save(
+            {n: t.detach().contiguous() for n, t in tensors.items() if t is not None}, metadata
+        )
         with replacing(path) as temporary:
             temporary.write_bytes(content)
 
@@ -104,17 +111,22 @@ class StoredFeature:
         """Read what :meth:`save` wrote; raises :class:`GeneratorError` for any other file."""
         try:
             with safe_open(path, framework="pt") as file:
-                metadata = file.metadata() or {}
+                metadata, names = file.metadata() or {}, file.keys()
+                if not {"F_adv", "noises"} & set(names):
+                    raise KeyError("neither F_adv nor noises")
                 stored = cls(
-                    file.get_tensor("F_adv"),
+                    file.get_tensor("F_adv") if "F_adv" in names else None,
                     metadata["prompt"],
                     float(metadata["tau"]),
                     check_kind(metadata.get("feature", CONCAT)),  # the only one that once was
+                    file.get_tensor("noises") if "noises" in names else None,
                 )
         except (OSError, SafetensorError, KeyError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise GeneratorError(
                 f"{path}: no adversarial feature ({reason}); give a file written by a CNCA attack"
             ) from error
-        check_finite(stored.feature)
+        for values in (stored.feature, stored.noises):
+            if values is not None:
+                check_finite(values, f"{path}: has")
         return stored

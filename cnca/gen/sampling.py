@@ -1,4 +1,4 @@
-"""Text-to-image sampling that is differentiable in the adversarial feature.
+"""Text-to-image sampling that is differentiable in the adversarial feature and in the noises.
 
 =====================  ===============================================================
 in the code            in the paper (section 3.3, equations 7 and 8) and in DDIM
@@ -7,6 +7,7 @@ in the code            in the paper (section 3.3, equations 7 and 8) and in DDIM
 ``adversarial_feature``  κ(F_adv), already projected
 ``generate``           T_adv = T2I([κ(F_adv), F_txt])
 ``latents``            x_t, Song et al. 2021 (DDIM), equation 12 with η = 0
+``noises``             x_T and each step's ε_t, equation 16 with η = 1
 ``guidance``           w + 1 of Ho & Salimans 2022 (classifier-free guidance), equation 6
 =====================  ===============================================================
 """
@@ -18,6 +19,8 @@ from pathlib import Path
 from typing import Any, final
 
 import torch
+from diffusers import DDIMScheduler
+from diffusers.schedulers.scheduling_ddim import DDIMSchedulerOutput
 from jaxtyping import Float
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
@@ -28,6 +31,7 @@ from cnca.core.types import SrgbTexture
 from cnca.gen import GUIDANCE
 from cnca.gen.choices import CONCAT, REPLACE, check_kind
 from cnca.gen.feature import check_finite, default_tokens
+from cnca.gen.noise import Noises, standardized
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
 
 TextFeature = Float[Tensor, "tokens width"]
@@ -77,6 +81,7 @@ class DiffusionTextureGenerator:
         self._latent_shape = _latent_shape(pipeline, size)
         pipeline.scheduler.set_timesteps(steps, device=pipeline.unet.device)
         self.feature_shape = (tokens, pipeline.unet.config.cross_attention_dim)
+        self.noise_shape = (1 + steps, *self._latent_shape[1:])
         self._empty_feature = self.encode("")
 
     @classmethod
@@ -112,15 +117,22 @@ class DiffusionTextureGenerator:
         adversarial_feature: Float[Tensor, "extra width"] | None,
         generator: torch.Generator,
         *,
+        noises: Noises | None = None,
         together: bool = False,
     ) -> SrgbTexture:
         """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size, size).
 
-        ``generator`` draws the initial noise; the same state gives the same texture.  The texture
-        comes back to the device of ``text_feature``.  With ``together`` the processes of a job,
-        which all ask for this texture at once, divide the branches of the guidance.
+        ``generator`` draws the initial noise of deterministic DDIM; the same state gives the same
+        texture.  With ``noises`` of :attr:`noise_shape`, x_T and that of each step, DDIM is
+        stochastic (η = 1) and nothing is drawn; each of their channels is standardised first.  The
+        last is without effect where the schedule ends without noise.
+
+        The texture comes back to the device of ``text_feature``.  With ``together`` the processes
+        of a job, which all ask for this texture at once, divide the branches of the guidance.
         """
-        latents = self.sample(text_feature, adversarial_feature, generator, together=together)
+        latents = self.sample(
+            text_feature, adversarial_feature, generator, noises=noises, together=together
+        )
         return self._decode(latents).to(text_feature.device)
 
     def sample(
@@ -129,21 +141,40 @@ class DiffusionTextureGenerator:
         adversarial_feature: Float[Tensor, "extra width"] | None,
         generator: torch.Generator,
         *,
+        noises: Noises | None = None,
         together: bool = False,
     ) -> Float[Tensor, "1 channels height width"]:
         """Return the latents x_0 from which :meth:`generate` decodes the texture."""
         condition = self._condition(text_feature, adversarial_feature)
         condition = condition.to(self._pipeline.unet.device)
-        latents = self._initial_noise(generator).to(condition)
         timesteps = self._pipeline.scheduler.timesteps
+        first, each = self._noises(noises, generator, len(timesteps))
+        latents = self._pipeline.scheduler.init_noise_sigma * first.to(condition)
         first_with_gradient = len(timesteps) - self._gradient_steps
         step = partial(self._ddim_step, together=together)
         if self._gradient_checkpointing:
             step = partial(checkpoint, step, use_reentrant=False)
         for i, t in enumerate(timesteps):
             with torch.set_grad_enabled(torch.is_grad_enabled() and i >= first_with_gradient):
-                latents = step(latents, t, condition)
+                latents = step(latents, t, condition, each[i])
         return latents
+
+    def _noises(
+        self, noises: Noises | None, generator: torch.Generator, steps: int
+    ) -> tuple[Tensor, list[Tensor | None]]:
+        """x_T, and the noise of each step: none where DDIM is deterministic."""
+        if noises is None:
+            device = generator.device
+            return torch.randn(self._latent_shape, generator=generator, device=device), [
+                None
+            ] * steps
+        if tuple(noises.shape) != self.noise_shape:
+            raise GeneratorError(
+                f"noises have shape {tuple(noises.shape)}, this generator takes {self.noise_shape}"
+            )
+        check_finite(noises, "the noises have")
+        first, *each = standardized(noises).split(1)
+        return first, [one.to(self._pipeline.unet.device) for one in each]
 
     def _condition(
         self, text_feature: TextFeature, adversarial_feature: Tensor | None
@@ -174,17 +205,20 @@ class DiffusionTextureGenerator:
         latents: Float[Tensor, "1 channels height width"],
         t: Tensor,
         condition: Float[Tensor, "branches tokens width"],
+        noise: Float[Tensor, "1 channels height width"] | None,
         *,
         together: bool,
     ) -> Float[Tensor, "1 channels height width"]:
-        """x_t → x_{t−1}, deterministic."""
+        """x_t → x_{t−1}; deterministic without noise."""
         predict = partial(self._predict, latents, t, condition)
         predicted = parallel.divided(predict, len(condition)) if together else predict(slice(None))
         if self._guidance > 1.0:
             without, with_text = predicted.chunk(2)
             predicted = without + self._guidance * (with_text - without)
-        scheduler = self._pipeline.scheduler
-        return scheduler.step(predicted, t, latents, eta=0.0, return_dict=False)[0]
+        moved = self._pipeline.scheduler.step(predicted, t, latents, eta=0.0)
+        if noise is None:
+            return moved.prev_sample
+        return noisy_step(self._pipeline.scheduler, int(t), moved, noise.to(latents))
 
     def _predict(
         self, latents: Tensor, t: Tensor, condition: Tensor, branches: slice
@@ -205,10 +239,6 @@ class DiffusionTextureGenerator:
             raise NonFiniteError("the generated texture is not finite: F_adv or guidance too large")
         return (0.5 * decoded + 0.5).clamp(0.0, 1.0)
 
-    def _initial_noise(self, generator: torch.Generator) -> Tensor:
-        scale = self._pipeline.scheduler.init_noise_sigma
-        return scale * torch.randn(self._latent_shape, generator=generator, device=generator.device)
-
     def _check(self, feature: Tensor) -> None:
         width = self.feature_shape[1]
         most = len(self._empty_feature)
@@ -218,6 +248,27 @@ class DiffusionTextureGenerator:
                 f"this generator reads (1 to {most} tokens, {width})"
             )
         check_finite(feature)
+
+
+def noisy_step(
+    scheduler: DDIMScheduler, t: int, moved: DDIMSchedulerOutput, noise: Tensor
+) -> Tensor:
+    """x_{t−1} for η = 1, from the deterministic step ``moved`` from x_t: x_0 and √(1 − ᾱ′) ε.
+
+    With ᾱ and ᾱ′ the signal left at t and at t − 1, σ² = r (1 − ᾱ′), r = (1 − ᾱ/ᾱ′) / (1 − ᾱ), and
+    equation 12 reads √ᾱ′ x_0 + √(1 − r) √(1 − ᾱ′) ε + σ z.  diffusers takes the root of
+    1 − ᾱ′ − σ², which where no signal is left (ᾱ = 0, r = 1) is 0 but for rounding: it gives NaN.
+    """
+    before = t - scheduler.config.num_train_timesteps // scheduler.num_inference_steps
+    left = float(scheduler.alphas_cumprod[t])
+    then = float(scheduler.alphas_cumprod[before] if before >= 0 else scheduler.final_alpha_cumprod)
+    ratio = (1.0 - left / then) / (1.0 - left)
+    clean = then**0.5 * moved.pred_original_sample
+    return (
+        clean
+        + (1.0 - ratio) ** 0.5 * (moved.prev_sample - clean)
+        + (ratio * (1.0 - then)) ** 0.5 * noise
+    )
 
 
 def _length(pipeline: Pipeline) -> int:

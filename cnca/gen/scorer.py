@@ -36,7 +36,9 @@ class PromptScorer(Protocol):
     """Compares pictures with prompts."""
 
     def score(self, pictures: SrgbImages, prompts: Sequence[str]) -> Cosines:
-        """Return the cosine in [−1, 1] of every picture with every prompt, without gradient.
+        """Return the cosine in [−1, 1] of every picture with every prompt.
+
+        Differentiable in the pictures.
 
         Raises :class:`GeneratorError` for a prompt that the scorer cannot read.
         """
@@ -96,7 +98,6 @@ class BagScorer(nn.Module):
         summed = self.words(torch.tensor([i for bag in bags for i in bag]), starts)
         return F.normalize(self.read(summed), dim=1)
 
-    @torch.no_grad()
     def score(self, pictures: SrgbImages, prompts: Sequence[str]) -> Cosines:
         """Return the cosine of every picture with every prompt."""
         return self.see_pictures(pictures) @ self.read_prompts(prompts).T
@@ -136,7 +137,8 @@ def right_prompts(
 
     The others are made of other words.  Raises :class:`GeneratorError` where there are too few.
     """
-    cosines = scorer.score(pictures, prompts)
+    with torch.no_grad():
+        cosines = scorer.score(pictures, prompts)
     chance, hits = torch.Generator().manual_seed(seed), []
     for i, prompt in enumerate(prompts):
         rivals = [j for j, other in enumerate(prompts) if set(words(other)) != set(words(prompt))]

@@ -75,6 +75,25 @@ class TextureGenerator(Protocol):
 
 
 @runtime_checkable
+class NoisyTextureGenerator(TextureGenerator, Protocol):
+    """One whose noises may be chosen as well: x_T, and those of stochastic DDIM (η = 1)."""
+
+    noise_shape: tuple[int, int, int, int]
+    """Shape (draws, channels, height, width) of these noises."""
+
+    def generate(
+        self,
+        text_feature: Float[Tensor, "tokens width"],
+        adversarial_feature: Float[Tensor, "extra width"] | None,
+        generator: torch.Generator,
+        *,
+        noises: Float[Tensor, "draws channels height width"] | None = None,
+        together: bool = False,
+    ) -> SrgbTexture:
+        """Return the texture; differentiable in ``noises``, from which nothing is then drawn."""
+
+
+@runtime_checkable
 class Residual(Protocol):
     """Corrects rendered images (the paper's EFR); the identity when absent."""
 

@@ -10,6 +10,7 @@ from cnca.attack.best import Best, Validation
 from cnca.attack.loop import draw_pool, optimize, start
 from cnca.attack.settings import Settings
 from cnca.core.errors import NonFiniteError
+from cnca.gen.latents import Latents
 from cnca.jobs.attack.run import held_out_shots
 from cnca.scene.schema import Scene
 from tests.fake_attack import GreyGenerator, attack
@@ -39,7 +40,7 @@ def search(settings, progress=None, stop_after=None, path=None):
             raise KeyboardInterrupt
 
     try:
-        return optimize(ATTACK, settings, progress, after_step), records
+        return optimize(ATTACK, settings, progress, after_step).feature, records
     except KeyboardInterrupt:
         return None, records
 
@@ -67,7 +68,7 @@ def test_checks_come_every_so_many_steps_and_at_the_end():
 
 def test_a_check_that_brings_no_number_is_told():
     with pytest.raises(NonFiniteError, match="check after step 3: the loss is not finite"):
-        Best().offer(torch.zeros(2), float("nan"), 3)
+        Best().offer(Latents(torch.zeros(2)), float("nan"), 3)
 
 
 @pytest.mark.parametrize("stop_after", [1, 2, 4])

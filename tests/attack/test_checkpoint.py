@@ -1,23 +1,30 @@
 """Checkpoints: all of the attack's state, and no other file taken for one."""
 
 import errno
+import math
 from pathlib import Path
 
 import pytest
 import torch
 
 from cnca.attack import checkpoint
+from cnca.attack.best import Best
 from cnca.attack.loop import Progress
+from cnca.attack.variables import Variable, Variables
 from cnca.core.errors import RunError
 
 
 def progress(step: int = 0, value: float = 0.0) -> Progress:
-    feature = torch.full((2, 3), value, requires_grad=True)
-    optimizer = torch.optim.Adam([feature], lr=0.1)
+    origins = {"feature": torch.zeros(2, 3), "noises": torch.zeros(2, 1, 4, 4)}
+    moved = Variables(
+        {n: Variable((o + value).requires_grad_(), o, math.inf) for n, o in origins.items()}
+    )
+    optimizer = torch.optim.Adam(moved.tensors, lr=0.1)
     for _ in range(step):
-        (feature**2).sum().backward()
+        sum((tensor**2).sum() for tensor in moved.tensors).backward()
         optimizer.step()
-    return Progress(step, feature, optimizer)
+    best = Best(moved.copy(), 0.25, step) if step else Best()
+    return Progress(step, moved, optimizer, best)
 
 
 def test_all_of_the_state_comes_back(tmp_path):
@@ -25,9 +32,21 @@ def test_all_of_the_state_comes_back(tmp_path):
     checkpoint.save(saved, tmp_path / "c.pt")
     checkpoint.restore(fresh, tmp_path / "c.pt")
     assert fresh.step == 3
-    assert torch.equal(fresh.feature, saved.feature)
-    before, after = (p.optimizer.state_dict()["state"][0] for p in (saved, fresh))
-    assert all(torch.equal(before[key], after[key]) for key in ("step", "exp_avg", "exp_avg_sq"))
+    for one, other in zip(saved.variables.tensors, fresh.variables.tensors, strict=True):
+        assert torch.equal(one, other)
+    for number in (0, 1):
+        before, after = (p.optimizer.state_dict()["state"][number] for p in (saved, fresh))
+        for key in ("step", "exp_avg", "exp_avg_sq"):
+            assert torch.equal(before[key], after[key])
+    assert (fresh.best.loss, fresh.best.step) == (0.25, 3)
+    assert torch.equal(fresh.best.latents.noises, saved.best.latents.noises)
+
+
+def test_variables_of_another_kind_are_no_checkpoint_of_this_attack(tmp_path):
+    saved = progress(1)
+    checkpoint.save(Progress(1, Variables({}), saved.optimizer), tmp_path / "c.pt")
+    with pytest.raises(RunError, match="holds no attack"):
+        checkpoint.restore(progress(), tmp_path / "c.pt")
 
 
 def test_every_damage_is_told(tmp_path):

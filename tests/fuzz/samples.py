@@ -16,6 +16,7 @@ from onnx import load_from_string
 
 from cnca.attack import checkpoint
 from cnca.attack.loop import Progress
+from cnca.attack.variables import Variable, Variables
 from cnca.core.images import write_exr
 from cnca.detect.cfg import parse_config
 from cnca.detect.darknet import Darknet
@@ -144,11 +145,12 @@ SCORER = written(BagScorer(["red", "car"]).save)
 def progress() -> Progress:
     """An attack of two steps on a tiny F_adv."""
     feature = torch.zeros(4, 8, requires_grad=True)
-    optimizer = torch.optim.Adam([feature])
+    moved = Variables({"feature": Variable(feature, torch.zeros(4, 8), 1.0)})
+    optimizer = torch.optim.Adam(moved.tensors)
     for _ in range(2):
         feature.sum().backward()
         optimizer.step()
-    return Progress(2, feature, optimizer)
+    return Progress(2, moved, optimizer)
 
 
 CHECKPOINT = written(lambda path: checkpoint.save(progress(), path))

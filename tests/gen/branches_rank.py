@@ -28,11 +28,15 @@ def run_rank(folder: Path) -> None:
             )
             seeded = torch.Generator().manual_seed(3)
             extra = torch.randn(generator.feature_shape, generator=seeded).requires_grad_()
-            texture = generator.generate(generator.encode("zebra"), extra, seeded, together=True)
+            noises = torch.randn(generator.noise_shape, generator=seeded).requires_grad_()
+            texture = generator.generate(
+                generator.encode("zebra"), extra, seeded, noises=noises, together=True
+            )
             weights = torch.randn(texture.shape, generator=seeded)
             parallel.share(weights * texture).sum().backward()
-            parallel.add_up(extra.grad)
+            parallel.add_up(extra.grad, noises.grad)
             content |= {name: texture.detach(), f"{name} gradient": extra.grad}
+            content[f"{name} noises"] = noises.grad
     content["branches"] = torch.tensor([min(branches), max(branches)])
     torch.save(content, folder / f"rank{parallel.rank()}.pt")
 

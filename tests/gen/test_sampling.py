@@ -6,11 +6,11 @@ import torch
 from diffusers import DDIMScheduler, StableDiffusionPipeline
 
 from cnca.core.errors import GeneratorError
-from cnca.gen import feature
+from cnca.gen import feature, noise
 from cnca.gen.live_memory import LiveMemory
 from cnca.gen.pipeline import Pipeline
 from cnca.gen.sampling import DiffusionTextureGenerator
-from cnca.scene.protocols import TextureGenerator
+from cnca.scene.protocols import NoisyTextureGenerator, TextureGenerator
 
 
 def seeded(seed: int = 3) -> torch.Generator:
@@ -22,7 +22,9 @@ def noise_feature(spread: float = 0.5) -> torch.Tensor:
 
 
 def test_is_a_texture_generator(tiny):
-    assert isinstance(DiffusionTextureGenerator(tiny, tokens=2, steps=2), TextureGenerator)
+    generator = DiffusionTextureGenerator(tiny, tokens=2, steps=2)
+    assert isinstance(generator, TextureGenerator)
+    assert isinstance(generator, NoisyTextureGenerator)
 
 
 EPSILON_SCHEDULE = {"beta_start": 0.00085, "beta_end": 0.012, "beta_schedule": "scaled_linear"} | {
@@ -114,7 +116,7 @@ def test_gradient_agrees_with_that_of_the_pipeline_of_diffusers(tiny):
         negative_prompt_embeds=empty[None],
         num_inference_steps=5,
         guidance_scale=5.0,
-        latents=sampler._initial_noise(seeded()).double(),
+        latents=torch.randn(1, 4, 16, 16, generator=seeded()).double(),
         output_type="latent",
         return_dict=False,
     )[0]
@@ -141,6 +143,87 @@ def test_elements_agree_with_finite_differences_through_all_twenty_steps(tiny, k
             expected = (score(start + step) - score(start - step)) / (2 * h)
         # Central differences: relative error h² times curvature, and rounding 1e-16 / h.
         torch.testing.assert_close(gradient[token, element], expected, rtol=1e-5, atol=1e-8)
+
+
+NOISE_SHAPE = (6, 4, 16, 16)
+"""Of five steps of the tiny pipeline."""
+
+
+@pytest.mark.parametrize("schedule", [None, EPSILON_SCHEDULE])
+def test_noises_agree_with_the_stochastic_pipeline_of_diffusers(tiny, schedule, monkeypatch):
+    """Theirs is handed our noises, standardised, in place of those that it would draw."""
+    if schedule:
+        tiny = dataclasses.replace(tiny, scheduler=DDIMScheduler(**schedule))
+    sampler = DiffusionTextureGenerator(tiny, tokens=2, steps=5, guidance=4.0)
+    assert sampler.noise_shape == NOISE_SHAPE
+    noises = torch.randn(NOISE_SHAPE, generator=seeded())
+    white = (noises - noises.mean((2, 3), True)) / noises.std((2, 3), correction=0, keepdim=True)
+    first, *others = white.split(1)
+    monkeypatch.setattr(
+        "diffusers.schedulers.scheduling_ddim.randn_tensor", lambda *_, **__: others.pop(0)
+    )
+    text, empty = sampler.encode("zebra strips"), sampler.encode("")
+    theirs = pipeline_of_diffusers(tiny)(
+        prompt_embeds=text[None],
+        negative_prompt_embeds=empty[None],
+        num_inference_steps=5,
+        guidance_scale=4.0,
+        eta=1.0,
+        latents=first,
+        output_type="latent",
+    ).images
+    assert len(others) <= 1  # that of the last step, where it has no variance
+    ours = sampler.sample(text, None, seeded(), noises=noises)
+    # The same formula in another order of float32: a few of its last digits.
+    torch.testing.assert_close(ours, theirs, atol=5e-5, rtol=0.0)
+    assert not torch.allclose(ours, sampler.sample(text, None, seeded()), atol=0.1)
+
+
+def test_the_noises_of_a_seed_are_those_that_diffusers_draws(tiny):
+    """x_T, then one a step, from one generator: for large latents standardising changes little."""
+    drawn = noise.draw(NOISE_SHAPE, seeded())
+    rng = seeded()
+    assert torch.equal(
+        drawn, torch.cat([torch.randn(1, 4, 16, 16, generator=rng) for _ in range(6)])
+    )
+
+
+def test_noises_agree_with_finite_differences_through_all_steps(tiny):
+    for part in (tiny.vae, tiny.unet, tiny.text_encoder):
+        part.double()
+    sampler = DiffusionTextureGenerator(tiny, tokens=2, guidance=4.0)
+    text, shape = sampler.encode("zebra strips"), sampler.noise_shape
+    start = noise.draw(shape, seeded()).double().requires_grad_()
+
+    def score(values: torch.Tensor) -> torch.Tensor:
+        return sampler.sample(text, None, seeded(), noises=values).square().sum()
+
+    (gradient,) = torch.autograd.grad(score(start), start)
+    for place in ((0, 0, 3, 4), (1, 2, 8, 0), (10, 3, 15, 15), (19, 1, 7, 7)):
+        step = torch.zeros_like(start)
+        step[place] = h = 1e-4
+        with torch.no_grad():
+            expected = (score(start + step) - score(start - step)) / (2 * h)
+        assert abs(expected) > 1e-6
+        torch.testing.assert_close(gradient[place], expected, rtol=1e-5, atol=1e-8)
+    assert (gradient[20] == 0).all()  # the schedule ends without noise
+
+
+def test_scaled_and_shifted_noises_are_the_same_noises(tiny):
+    sampler = DiffusionTextureGenerator(tiny, tokens=2, steps=3)
+    noises, text = noise.draw(sampler.noise_shape, seeded()), sampler.encode("zebra")
+    one, two = (sampler.generate(text, None, seeded(), noises=x) for x in (noises, 3 * noises - 1))
+    torch.testing.assert_close(one, two, atol=1e-4, rtol=0.0)
+
+
+def test_noises_that_are_none_are_named(tiny):
+    sampler = DiffusionTextureGenerator(tiny, tokens=2, steps=3)
+    noises, text = noise.draw(sampler.noise_shape, seeded()), sampler.encode("zebra")
+    with pytest.raises(GeneratorError, match=r"noises have shape \(3, 4, 16, 16\), .* \(4, 4, 16"):
+        sampler.generate(text, None, seeded(), noises=noises[1:])
+    noises[0, 0, 0, 0] = float("inf")
+    with pytest.raises(GeneratorError, match="the noises have 1 of 4096 values"):
+        sampler.generate(text, None, seeded(), noises=noises)
 
 
 def test_replacing_agrees_with_the_pipeline_that_reads_the_clamped_tokens(tiny):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from cnca.attack.parts import prompt_texture
+from cnca.attack.variables import origin
 from cnca.core.errors import RunError
 from cnca.core.manifest import write_json
 from cnca.gen.scorer import PromptScorer
@@ -95,7 +95,8 @@ def strongest(found: Mapping[float, tuple[float, float]], least: float) -> float
 
 
 def _score_of_prompt(request: Request, scorer: PromptScorer) -> float:
-    """Prompt score of the texture with F_adv = 0."""
-    prompt = request.settings.prompt
-    texture = prompt_texture(build_generator(request), prompt, request.settings.seed)
+    """Prompt score of the texture without an attack."""
+    settings, generator = request.settings, build_generator(request)
+    prompt = settings.prompt
+    texture = origin(generator, settings).texture(generator, prompt, settings.seed)
     return scorer.score(texture[None], [prompt]).item()

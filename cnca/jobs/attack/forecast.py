@@ -125,8 +125,8 @@ def _measure_checks(attack: Attack, settings: Settings) -> list[Part]:
     if count == 0:
         return []
     validation = Validation(attack, settings, attack.generator.encode(settings.prompt))
-    feature = start(attack, settings).feature
-    seconds = [_seconds(lambda: validation.look(feature)) for _ in range(2)]
+    latents = start(attack, settings).variables.latents
+    seconds = [_seconds(lambda: validation.look(latents)) for _ in range(2)]
     return [Part("first check", 1, seconds[0]), Part("other checks", count - 1, seconds[1])]
 
 

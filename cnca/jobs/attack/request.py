@@ -52,6 +52,14 @@ class Request:
     ] = None
     samples: Annotated[int, Flag("Rays per pixel in the loop.", COST, name="spp")] = 16
     """The verdict takes the scene's own number."""
+    texture_size: Annotated[
+        int | None, Flag("Texels per side to generate; by default the model's own.", STRENGTH)
+    ] = None
+    ddim_steps: Annotated[int, Flag("Denoising steps of the generator.", COST)] = 20
+    style: Annotated[
+        float, Flag("Weight of the style term: the prompt score is to stay.", STRENGTH)
+    ] = 0.0
+    """See :mod:`cnca.attack.style`; 0 leaves it out."""
     tokens: Annotated[
         int | None, Flag("Tokens of F_adv; by default 77, or 40 that are replaced.", STRENGTH)
     ] = None
@@ -75,6 +83,6 @@ class Request:
         fields = asdict(self)
         for name in ("out", "tensorboard", "resume", "gradient_checkpointing"):
             del fields[name]
-        if math.isinf(self.settings.tau):
+        if self.settings.tau == math.inf:
             fields["settings"]["tau"] = "inf"  # which JSON cannot say as a number
         return json.loads(json.dumps(fields, default=str))

@@ -20,7 +20,10 @@ from cnca.attack import checkpoint
 from cnca.attack.loop import Progress, optimize, start
 from cnca.attack.objectives import load_objective
 from cnca.attack.parts import Attack
+from cnca.attack.settings import FEATURE
+from cnca.attack.style import Style, style_of
 from cnca.attack.targets import Target, parse_targets, refuse_black_boxes
+from cnca.attack.variables import origin
 from cnca.core import parallel
 from cnca.core.files import append_text, write_text
 from cnca.core.images import write_texture_srgb
@@ -29,6 +32,7 @@ from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_sid
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
 from cnca.gen.feature import StoredFeature
+from cnca.gen.scorer import load_scorer
 from cnca.jobs.attack import tensorboard
 from cnca.jobs.attack.request import Request
 from cnca.judge.evaluate import Result, Shots, evaluate
@@ -69,17 +73,31 @@ def assemble(request: Request, scene: Scene) -> Attack:
     refuse_black_boxes(targets)
     vehicle = build.build_vehicle(scene)
     paint = build.build_paint(scene, vehicle)
+    generator = build_generator(request)
     return Attack(
         scene=scene,
         renderer=build.build_loop_renderer(
             scene, vehicle, paint, backend=request.backend, samples=request.samples
         ),
         paint=paint,
-        generator=build_generator(request),
+        generator=generator,
         targets=targets,
         objective=load_objective(request.objective, full_overlap=request.full_overlap),
         residual=build.build_residual(request.efr),
+        style=build_style(request, generator),
     )
+
+
+def build_style(request: Request, generator: TextureGenerator) -> Style | None:
+    """The style term of the request, by the shipped scorer; None for a weight of 0.
+
+    Raises GeneratorError where the scorer knows no word of the prompt.
+    """
+    if request.style == 0:
+        return None
+    settings = request.settings
+    unattacked = origin(generator, settings).texture(generator, settings.prompt, settings.seed)
+    return style_of(load_scorer(), settings.prompt, unattacked, request.style)
 
 
 def build_generator(request: Request) -> TextureGenerator:
@@ -87,6 +105,8 @@ def build_generator(request: Request) -> TextureGenerator:
     return build.build_generator(
         request.generator,
         feature=request.settings.feature,
+        size=request.texture_size,
+        steps=request.ddim_steps,
         tokens=request.tokens,
         guidance=request.guidance,
         gradient_steps=request.gradient_steps,
@@ -143,11 +163,10 @@ def _judge(
     request: Request, attack: Attack, progress: Progress, console: Console
 ) -> dict[str, Any]:
     settings, scene, out = request.settings, attack.scene, request.out
-    feature = progress.result
-    text_feature = attack.generator.encode(settings.prompt)
-    with torch.no_grad():
-        texture = attack.texture(text_feature, feature, settings.seed)
-        unattacked = attack.texture(text_feature, torch.zeros_like(feature), settings.seed)
+    latents, before = progress.result, origin(attack.generator, settings)
+    texture, unattacked = (
+        made.texture(attack.generator, settings.prompt, settings.seed) for made in (latents, before)
+    )
     size = scene.vehicle.texture_size
     chance = torch.Generator().manual_seed(settings.seed)
     albedos = {
@@ -164,7 +183,8 @@ def _judge(
         results = evaluate(renderer, attack.targets, albedos, shots, lambda: shown.advance(task))
     write_texture_srgb(out / "texture.png", texture.permute(1, 2, 0).numpy())
     write_texture_srgb(out / "texture_prompt.png", unattacked.permute(1, 2, 0).numpy())
-    stored = StoredFeature(feature, settings.prompt, settings.tau, settings.feature)
+    tau, kind = settings.bound(FEATURE), settings.feature
+    stored = StoredFeature(latents.feature, settings.prompt, tau, kind, latents.noises)
     stored.save(out / "F_adv.safetensors")
     first = attack.targets[0]
     write_png(out / "before_after.png", _before_after(results[first.name], first))

@@ -76,6 +76,11 @@ def under_tau(request: Request, tau: float) -> Request:
     return replace(request, settings=replace(request.settings, tau=tau))
 
 
+def bounded(request: Request, tau: str | None) -> Request:
+    """The same attack under the bound that ``--tau`` says; raises RunError for what is none."""
+    return request if tau is None else under_tau(request, read_tau(tau))
+
+
 def with_tau(request: Request, tau: float) -> Request:
     """The same attack under another bound, in a folder of its own below ``request.out``."""
     return replace(under_tau(request, tau), out=request.out / tau_folder(tau))

@@ -27,13 +27,16 @@ QUIET = Console(quiet=True)
 def request_(tmp_path) -> run.Request:
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
-    settings = Settings("zebra strips", tau=0.5, steps=2, views_per_step=1, learning_rate=0.1)
+    settings = Settings(
+        "zebra strips", tau=0.5, steps=2, views_per_step=1, learning_rate=0.1, variable="both"
+    )
     return run.Request(
         scene,
         tmp_path / "first",
         settings,
         generator=save_pipeline(tiny_pipeline(), tmp_path / "tiny"),
         samples=2,
+        ddim_steps=2,
         held_out_views=1,
     )
 
@@ -46,6 +49,7 @@ def test_the_texture_is_the_same_to_the_bit(request_, tmp_path):
     assert (again.difference, again.other_versions) == (0.0, {})
     features = [StoredFeature.load(folder / "F_adv.safetensors") for folder in (request_.out, out)]
     assert torch.equal(features[0].feature, features[1].feature)
+    assert torch.equal(features[0].noises, features[1].noises)
     assert features[0].feature.abs().max() > 0
     assert json.loads((out / "summary.json").read_text()) == summary
 

@@ -176,6 +176,28 @@ def test_a_resumed_run_keeps_its_kind_of_feature(request_for, monkeypatch):
     assert 0 < stored.feature.abs().max() <= stored.tau
 
 
+@pytest.mark.usefixtures("one_thread")
+def test_a_run_on_noises_at_another_size_resumes_bit_for_bit(request_for, monkeypatch):
+    def request(name: str, *, resume: bool = False) -> run.Request:
+        asked = request_for(name, resume=resume)
+        settings = replace(asked.settings, variable="both", jitter=True)
+        more = {"texture_size": 48, "ddim_steps": 2, "style": 4.0, "objective": "odds"}
+        return replace(asked, settings=settings, **more)
+
+    summary = run.run(request("whole"), quiet())
+    with monkeypatch.context() as patch:
+        StopAfter(patch, 2)
+        with pytest.raises(KeyboardInterrupt):
+            run.run(request("parts"), quiet())
+    assert run.run(request("parts", resume=True), quiet()) == summary
+    folders = [request(name).out for name in ("whole", "parts")]
+    stored = [StoredFeature.load(folder / "F_adv.safetensors") for folder in folders]
+    assert torch.equal(stored[0].feature, stored[1].feature)
+    assert torch.equal(stored[0].noises, stored[1].noises)
+    assert stored[0].noises.shape == (3, 4, 24, 24)
+    assert cv2.imread(str(folders[0] / "texture.png")).shape == (48, 48, 3)
+
+
 def test_a_black_box_is_refused_before_anything_is_written(request_for, monkeypatch):
     black = [Target("x.onnx", BrightnessDetector(), 0)]
     monkeypatch.setattr(run.build, "build_targets", lambda names: black)
