@@ -58,7 +58,7 @@ def started(monkeypatch) -> list[Request]:
 def request_(tmp_path) -> Request:
     scene = tmp_path / "scene.yaml"
     scene.write_text("vehicle: {texture_size: 32}")
-    return Request(scene, tmp_path / "table", Settings("zebra"))
+    return Request(scene, tmp_path / "table", Settings("zebra", tau=1.0))
 
 
 def test_tradeoff_writes_the_papers_table_and_goes_on_where_it_was(started, request_):
