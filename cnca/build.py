@@ -25,7 +25,7 @@ from cnca.core.images import read_mask, read_texture_srgb
 from cnca.core.plugins import is_plugin, load_plugin, plugin_file
 from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files, load_detector
-from cnca.detect.classes import CAR, vehicle_labels
+from cnca.detect.classes import CAR, known_name, vehicle_labels
 from cnca.effects.plan import Demand
 from cnca.effects.prices import SHIPPED as SHIPPED_PRICES
 from cnca.effects.protocols import PlanningRenderer
@@ -287,12 +287,16 @@ def build_detector(spec: str) -> Detector:
     return load_detector(spec)
 
 
-def build_targets(words: Sequence[str]) -> list[Target]:
-    """Detectors with their weights; see :func:`cnca.attack.targets.parse_targets`."""
+def build_targets(words: Sequence[str], label: str = CAR) -> list[Target]:
+    """Detectors with their weights (:func:`cnca.attack.targets.parse_targets`) for one class.
+
+    ``label`` is what the scene's vehicle is; raises DetectorError for a detector without it.
+    """
     targets = []
     for name, weight in parse_targets(words).items():
         detector = build_detector(name)
-        targets.append(Target(name, detector, vehicle_label(detector.class_names), weight))
+        number = vehicle_label(detector.class_names, label, detector=f"detector {name}")
+        targets.append(Target(name, detector, number, weight))
     return targets
 
 
@@ -301,9 +305,11 @@ def read_texture(path: str | Path) -> SrgbTexture:
     return torch.from_numpy(read_texture_srgb(path)).permute(2, 0, 1).contiguous()
 
 
-def vehicle_label(class_names: Sequence[str]) -> int:
-    """The label of a car; raises DetectorError where the detector knows none."""
-    return vehicle_labels(class_names)[CAR][0]
+def vehicle_label(
+    class_names: Sequence[str], label: str = CAR, *, detector: str = "the detector"
+) -> int:
+    """The detector's number for the vehicle's class; see :func:`vehicle_labels`."""
+    return vehicle_labels(class_names, label, detector=detector)[known_name(label)][0]
 
 
 def input_files(

@@ -78,7 +78,7 @@ def _gather(work: Callable[[Asked, Console], Found], request: Asked, out: Path) 
 
 
 def _evidence_table(results: Evidence) -> Table:
-    """Mean over the detectors, class car, with 95 % intervals."""
+    """Mean over the detectors, the vehicle's class, with 95 % intervals."""
     from cnca.judge.verdict import TOTAL
     from cnca.report.tables import cell
 
@@ -86,7 +86,7 @@ def _evidence_table(results: Evidence) -> Table:
     for name in ("texture", "AP@0.5 (VOC)", "AP@0.5 (COCO)", "score"):
         table.add_column(name, no_wrap=True)
     for row in results.rows:
-        total = results.all[row][TOTAL]["car"]
+        total = results.all[row][TOTAL][results.label]
         measures = ("AP_voc", "AP_coco", "score")
         table.add_row(row, *(cell(total[name], digits=2) for name in measures))
     return table

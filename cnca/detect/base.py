@@ -5,14 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
-import cv2
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from cnca.core.boxes import clip
+from cnca.core.detections import ALARM, SUPPRESSION, suppress
 from cnca.core.errors import NonFiniteError
-from cnca.core.types import Boxes, Candidates, Detections, SrgbImages
+from cnca.core.types import Candidates, Detections, SrgbImages
 
 
 class CandidateDetector(ABC):
@@ -28,7 +26,11 @@ class CandidateDetector(ABC):
 
     @torch.no_grad()
     def detect(
-        self, images: SrgbImages, *, score_threshold: float = 0.25, iou_threshold: float = 0.45
+        self,
+        images: SrgbImages,
+        *,
+        score_threshold: float = ALARM,
+        iou_threshold: float = SUPPRESSION,
     ) -> list[Detections]:
         """Return the boxes of each image after thresholds and suppression within each class.
 
@@ -50,31 +52,3 @@ class CandidateDetector(ABC):
             suppress(*pair, score_threshold=score_threshold, iou_threshold=iou_threshold)
             for pair in zip(boxes, scores, strict=True)
         ]
-
-
-def suppress(
-    boxes: Boxes,
-    scores: Float[Tensor, "candidates classes"],
-    *,
-    score_threshold: float,
-    iou_threshold: float,
-) -> Detections:
-    """Greedy non-maximum suppression within each class of one image, best first."""
-    index, labels = torch.nonzero(scores >= score_threshold, as_tuple=True)
-    boxes, scores = boxes[index], scores[index, labels]
-    if len(index):
-        # float64, or OpenCV takes the variant for boxes of whole pixels.  Arrays will do, though
-        # the stubs ask for lists.
-        corners = boxes.double().cpu()
-        left_top_size = torch.cat([corners[:, :2], corners[:, 2:] - corners[:, :2]], dim=1)
-        kept = cv2.dnn.NMSBoxesBatched(
-            left_top_size.numpy(),  # type: ignore[arg-type]
-            scores.float().cpu().numpy(),  # type: ignore[arg-type]
-            labels.int().cpu().numpy(),  # type: ignore[arg-type]
-            score_threshold=0.0,  # applied above
-            nms_threshold=iou_threshold,
-        )
-        keep = torch.as_tensor(kept, dtype=torch.long, device=boxes.device).flatten()
-        keep = keep[torch.argsort(scores[keep], descending=True, stable=True)]
-        boxes, scores, labels = boxes[keep], scores[keep], labels[keep]
-    return Detections(boxes, scores, labels)

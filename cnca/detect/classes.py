@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from cnca.core.errors import DetectorError
+from cnca.core.errors import DetectorError, did_you_mean
 
 COCO = (
     "person", "bicycle", "car", "motorbike", "aeroplane", "bus", "train", "truck", "boat",
@@ -40,7 +40,13 @@ CLASS_LISTS: Mapping[str, Sequence[str]] = {"coco": COCO, "coco91": COCO91, "voc
 
 CAR, VEHICLE = "car", "vehicle"
 VEHICLES = (CAR, "truck", "bus")
-"""What the vehicle may be reported as in the column of any vehicle."""
+"""What a vehicle on a road may be reported as in the column of any vehicle."""
+GENERIC = ("bicycle", "car", "motorbike", "aeroplane", "bus", "train", "truck", "boat")
+"""What a class called ``vehicle`` stands for: COCO's supercategory of that name."""
+SYNONYMS = {"motorcycle": "motorbike", "airplane": "aeroplane"}
+"""Other names of the same classes, such as COCO's own files and torchvision have."""
+LISTED = 10
+"""Classes that an error message lists."""
 
 
 def read_names(path: Path) -> list[str]:
@@ -56,21 +62,48 @@ def read_names(path: Path) -> list[str]:
     return [name.strip() for name in names if name.strip()]
 
 
-def vehicle_labels(class_names: Sequence[str]) -> dict[str, tuple[int, ...]]:
-    """Return, for ``car`` and for ``vehicle``, the labels as which the vehicle counts as found.
+def known_name(name: str) -> str:
+    """A class by the one name that it has here, whatever its case and spelling."""
+    name = name.strip().lower()
+    return SYNONYMS.get(name, name)
 
-    ``car`` holds the label of that class alone, ``vehicle`` those of car, truck and bus, as far as
-    ``class_names`` has them.  A detector whose only class is ``vehicle`` does not tell cars apart:
-    its label stands in both.
+
+def counted(label: str = CAR) -> dict[str, tuple[str, ...]]:
+    """Column → the classes that count in it, for a vehicle that is a ``label``.
+
+    One column holds the class alone.  The other, ``vehicle``, also what else a vehicle on a road is
+    taken for: to be found as a truck is to be found.
+    """
+    label = known_name(label)
+    wider = tuple(dict.fromkeys([*VEHICLES, label]))
+    return {label: (label,), VEHICLE: wider} if label != VEHICLE else {VEHICLE: wider}
+
+
+def vehicle_labels(
+    class_names: Sequence[str], label: str = CAR, *, detector: str = "the detector"
+) -> dict[str, tuple[int, ...]]:
+    """Column of :func:`counted` → the detector's labels as which the vehicle counts as found.
+
+    Case does not matter.  A detector that does not tell the vehicle's kind apart, but has a class
+    ``vehicle`` or ``vehicles``, finds it as that: it stands in both columns.
 
     Raises:
-        DetectorError: there is no such class.
+        DetectorError: there is no such class; names ``detector`` and the nearest class.
     """
-    names = [name.strip().lower() for name in class_names]
-    if names == [VEHICLE]:
-        return {CAR: (0,), VEHICLE: (0,)}
-    if CAR not in names:
-        known = ", ".join(class_names)
-        raise DetectorError(f"the detector knows no class '{CAR}': it has {known}")
-    any_vehicle = tuple(label for label, name in enumerate(names) if name in VEHICLES)
-    return {CAR: (names.index(CAR),), VEHICLE: any_vehicle}
+    names, label = [known_name(name) for name in class_names], known_name(label)
+    generic = tuple(i for i, name in enumerate(names) if name in (VEHICLE, "vehicles"))
+    table = {
+        column: tuple(i for i, name in enumerate(names) if name in classes)
+        for column, classes in counted(label).items()
+    }
+    if not table[label] and label in (*GENERIC, VEHICLE):
+        table[label] = generic
+    if not table[label]:
+        shown = ", ".join(class_names[:LISTED]) or "none"
+        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+        raise DetectorError(
+            f"{detector} knows no class '{label}': it has {shown}{more}"
+            f"{did_you_mean(label, class_names)}"
+        )
+    table[VEHICLE] = tuple(sorted({*table[VEHICLE], *generic, *table[label]}))
+    return table

@@ -115,6 +115,8 @@ def harden(request: Request, console: Console, *, resume: bool = False) -> Harde
     )
     settings = Settings(epochs=request.epochs, seed=request.seed, fine_tune=True)
     scene = load_scene(scene_file)
+    # Refuses, before all else, what the detector cannot learn.
+    build_eyes([request.detector], scene.vehicle.label)
     cast = make_cast(scene, candidates)
     inputs = [*build.scene_files(scene, scene_file), *detector_files(request.detector)]
     inputs += [each.picture for each in candidates]
@@ -160,7 +162,8 @@ def compare(
     evidence: EvidenceRequest, candidates: Sequence[Candidate], console: Console
 ) -> tuple[int, dict[str, dict[str, Change]]]:
     """How many views there are, and what every texture's measures were and are."""
-    stages, eyes = build_stages(evidence, candidates), build_eyes(evidence.detectors)
+    stages = build_stages(evidence, candidates)
+    eyes = build_eyes(evidence.detectors, stages[0].label)
     with bar(console) as shown:
         weathers = len(stages[0].rows) * len(stages[0].shots.weathers)
         task = shown.add_task("held-out views", total=weathers)
@@ -170,7 +173,7 @@ def compare(
     measured = measure_all(seen, boxes, weights, normal=NORMAL)
     rows: dict[str, dict[str, Change]] = {}
     for row, by_detector in measured.items():
-        before, after = (by_detector[name]["car"] for name in (BEFORE, AFTER))
+        before, after = (by_detector[name][stages[0].label] for name in (BEFORE, AFTER))
         rows[row] = {}
         for name in MEASURES:
             difference = after[name] - before[name]

@@ -9,14 +9,12 @@ import torch
 
 from cnca.attack.targets import Target
 from cnca.core.color import linear_to_srgb
+from cnca.core.detections import LEAST_SCORE
 from cnca.core.types import Boxes, Detections, LinearTexture, SrgbImages
 from cnca.judge.scores import average_precision, detection_score
 from cnca.scene.cameras import View
 from cnca.scene.protocols import Detector, Renderer
 from cnca.scene.weather import Weather
-
-LEAST_SCORE = 0.01
-"""Detections below this confidence count as none; low, since scores are averaged, not counted."""
 
 
 @dataclass(frozen=True)

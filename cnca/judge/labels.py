@@ -12,8 +12,8 @@ import torch
 
 from cnca.core.errors import RunError
 from cnca.core.types import Boxes
+from cnca.detect.classes import VEHICLES, known_name
 
-VEHICLES = ("car", "truck", "bus")
 UNGROUPED = "photos"
 
 
@@ -27,7 +27,7 @@ class Photo:
     size: tuple[int, int] | None = None
     """Width and height in pixels as the labels have it, if they do."""
     objects: dict[str, list[list[float]]] = field(default_factory=dict)
-    """One of :data:`VEHICLES` → boxes, xyxy in pixels from the picture's corner."""
+    """One of ``cnca.detect.classes.VEHICLES`` → boxes, xyxy in pixels from the picture's corner."""
     ignored: list[list[float]] = field(default_factory=list)
     """Boxes of crowds and of vehicles marked as difficult: neither hit nor miss nor false alarm."""
 
@@ -38,7 +38,7 @@ class Photo:
 
     def add(self, name: str, box: list[float], *, ignore: bool) -> None:
         """Take a labelled object; other things than vehicles are left out."""
-        name = name.lower()
+        name = known_name(name)
         if name in VEHICLES and ignore:
             self.ignored.append(box)
         elif name in VEHICLES:

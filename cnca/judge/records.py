@@ -81,6 +81,8 @@ class Evidence:
     frames: Omitted[Sequence[FrameFit]] = None
     by_scene: Omitted[Mapping[str, Scores]] = None
     """Where there are several scenes."""
+    label: str = "car"
+    """What the vehicle is, and the column that its class has."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import torch
 
@@ -45,11 +45,12 @@ def judge(
         seed=seed,
         scenes=[stage.name for stage in stages],
         detectors=[eye.name for eye in eyes],
+        label=stages[0].label,
         candidates=list(candidates),
         rows=list(seen),
         measures=MEASURES,
         all=estimates(measured),
-        comparisons=_compare(measured, list(candidates), list(seen), len(boxes)),
+        comparisons=_compare(measured, stages[0].label, list(candidates), list(seen), len(boxes)),
         sections=_sections(seen, boxes, weights, table),
         frames=frames or None,
         by_scene=_by_scene(stages, seen, boxes, weights) if len(stages) > 1 else None,
@@ -68,7 +69,7 @@ def _by_scene(
         views = slice(first, first + len(stage.places))
         first = views.stop
         part = {
-            row: {name: Seen(s.detections[views], s.class_names) for name, s in by_eye.items()}
+            row: {name: replace(s, detections=s.detections[views]) for name, s in by_eye.items()}
             for row, by_eye in seen.items()
         }
         measured = measure_all(part, boxes[views], weights[:, views], normal=NORMAL)
@@ -77,14 +78,15 @@ def _by_scene(
 
 
 def _compare(
-    measured: MeasuredScores, candidates: list[str], rows: list[str], views: int
+    measured: MeasuredScores, label: str, candidates: list[str], rows: list[str], views: int
 ) -> list[Comparison]:
-    """The AP (VOC, area, class car) of each candidate less that of each of its controls."""
+    """The AP (VOC, area, own class) of each candidate less that of each of its controls."""
     compared = []
     for candidate in candidates:
         for control in controls_of(candidate, rows, candidates):
             for detector, columns in measured[candidate].items():
-                difference = columns["car"]["AP_voc"] - measured[control][detector]["car"]["AP_voc"]
+                other = measured[control][detector][label]["AP_voc"]
+                difference = columns[label]["AP_voc"] - other
                 compared.append(
                     Comparison(
                         **asdict(difference.estimate()),

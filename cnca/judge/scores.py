@@ -27,6 +27,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from cnca.core.boxes import iou_matrix
+from cnca.core.detections import MATCH, suppress
 from cnca.core.types import Boxes, Detections
 
 Kind = Literal["voc", "voc11", "coco"]
@@ -39,7 +40,7 @@ RECALLS = {"voc11": np.arange(11) / 10, "coco": np.linspace(0, 1, 101)}
 
 
 def detection_score(
-    detections: Detections, truth: Float[Tensor, " 4"], label: int, *, iou_threshold: float = 0.5
+    detections: Detections, truth: Float[Tensor, " 4"], label: int, *, iou_threshold: float = MATCH
 ) -> float:
     """The highest confidence in [0, 1] with which the vehicle at ``truth`` is found, 0 if none.
 
@@ -50,23 +51,17 @@ def detection_score(
     return float(of_class.scores[hit].max()) if bool(hit.any()) else 0.0
 
 
-def as_one_class(
-    detections: Detections, labels: Sequence[int], *, iou_threshold: float = 0.45
-) -> Detections:
+def as_one_class(detections: Detections, labels: Sequence[int]) -> Detections:
     """The detections of any of these classes as class 0, suppressed across the classes.
 
-    A box reported as car and again as truck is one vehicle, so that all but the most confident of
-    boxes that overlap by more than ``iou_threshold`` are dropped.
+    A box reported as car and again as truck is one vehicle: the most confident of boxes that
+    overlap stays, as within a class (:func:`cnca.core.detections.suppress`).
     """
     wanted = torch.isin(detections.labels, torch.tensor(list(labels), dtype=torch.long))
-    order = torch.argsort(detections.scores[wanted], descending=True, stable=True)
-    boxes, scores = detections.boxes[wanted][order], detections.scores[wanted][order]
-    overlap = iou_matrix(boxes, boxes)
-    kept: list[int] = []
-    for index in range(len(boxes)):
-        if not bool((overlap[index, kept] > iou_threshold).any()):
-            kept.append(index)
-    return Detections(boxes[kept], scores[kept], torch.zeros(len(kept), dtype=torch.long))
+    boxes, scores = detections.boxes[wanted], detections.scores[wanted]
+    if len(labels) == 1:  # its detector has done so already
+        return Detections(boxes, scores, torch.zeros_like(detections.labels[wanted]))
+    return suppress(boxes, scores[:, None], score_threshold=0.0)
 
 
 @dataclass(frozen=True)
@@ -119,7 +114,7 @@ def rank(
     label: int,
     *,
     kind: Kind = "voc",
-    iou_threshold: float = 0.5,
+    iou_threshold: float = MATCH,
 ) -> Ranking:
     """Match the detections of class ``label`` with the objects and rank them by confidence.
 
@@ -158,7 +153,7 @@ def average_precision(
     label: int,
     *,
     kind: Kind = "voc",
-    iou_threshold: float = 0.5,
+    iou_threshold: float = MATCH,
 ) -> float:
     """Average precision in [0, 1] of one class over many images; arguments as in :func:`rank`.
 

@@ -13,6 +13,7 @@ import torch
 from cnca.core import parallel
 from cnca.core.manifest import DRAWING, program
 from cnca.core.types import Boxes, Detections, SrgbImages
+from cnca.detect.classes import CAR
 from cnca.judge.candidates import Coat
 from cnca.judge.evaluate import Shots, look, photograph
 from cnca.judge.gallery import digest, kept_detections, kept_pictures, recall
@@ -48,6 +49,8 @@ class Stage:
     folder: Path
     key: str
     """Stands for all that decides the pictures, save texture, views, weather and seed."""
+    label: str = CAR
+    """What the vehicle is; the same on all stages of an evaluation."""
     photographs: Mapping[str, Callable[[int], SrgbImages]] = field(default_factory=dict)
     """Rows without a texture: name → the pictures of a weather, such as CARLA's own frames."""
     frames: Sequence[FrameFit] = ()
@@ -136,9 +139,9 @@ def see(
     for (row, *_), found in zip(looks, parallel.gathered(own), strict=True):
         for name, detections in found.items():
             every.setdefault(row, {}).setdefault(name, []).extend(detections)
-    names = {eye.name: eye.detector.class_names for eye in eyes}
+    names, label = {eye.name: eye.detector.class_names for eye in eyes}, stages[0].label
     return {
-        row: {name: Seen(by_eye[name], classes) for name, classes in names.items()}
+        row: {name: Seen(by_eye[name], classes, label) for name, classes in names.items()}
         for row, by_eye in every.items()
     }
 

@@ -12,14 +12,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.core.errors import DetectorError
+from cnca.core.detections import ALARM
 from cnca.core.types import Boxes, Detections
+from cnca.detect.classes import CAR, counted, vehicle_labels
 from cnca.judge.bootstrap import Sampled, mean
 from cnca.judge.records import Scores
 from cnca.judge.scores import as_one_class, detection_score, rank
 
-COLUMNS = {"car": ("car",), "vehicle": ("car", "truck", "bus")}
-"""Column → the classes as which the vehicle counts as found."""
 MEASURES = {
     "AP_voc": "AP@0.5, Pascal VOC 2010–2012 (area)",
     "AP_voc11": "AP@0.5, Pascal VOC 2007 (11 points)",
@@ -27,8 +26,6 @@ MEASURES = {
     "score": "mean detection score",
     "success": "attack success rate",
 }
-ALARM = 0.25
-"""Confidence at which the vehicle counts as found, for the attack success rate."""
 LEAST_VIEWS = 20
 """Where all of so many views are alike, up to 3 / 20 of all others may still differ (at 95 %)."""
 TOO_FEW = "too few views"
@@ -46,20 +43,21 @@ class Seen:
 
     detections: Sequence[Detections]
     class_names: Sequence[str]
+    label: str = CAR
+    """What the vehicle is."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The vehicle's class, and ``vehicle``; see :func:`cnca.detect.classes.counted`."""
+        return tuple(counted(self.label))
 
     def column(self, name: str) -> list[Detections]:
         """The detections that count in a column, as class 0.
 
-        Raises DetectorError where the detector does not know the class ``car``.
+        Raises DetectorError where the detector does not know the vehicle's class.
         """
-        if "car" not in self.class_names:
-            known = ", ".join(self.class_names)
-            raise DetectorError(f"a detector knows no class 'car': it has {known}")
-        labels = [i for i, known in enumerate(self.class_names) if known in COLUMNS[name]]
-        if len(labels) > 1:
-            return [as_one_class(found, labels) for found in self.detections]
-        own = [found.of(labels[0]) for found in self.detections]
-        return [Detections(d.boxes, d.scores, torch.zeros_like(d.labels)) for d in own]
+        labels = vehicle_labels(self.class_names, self.label)[name]
+        return [as_one_class(found, labels) for found in self.detections]
 
 
 def measure(
@@ -100,12 +98,12 @@ def measure_all(
         for detector, each in by_detector.items():
             before = None if texture == normal else seen[normal][detector]
             table[texture][detector] = {
-                column: measure(each, before, boxes, weights, column) for column in COLUMNS
+                column: measure(each, before, boxes, weights, column) for column in each.columns
             }
         own = list(table[texture].values())
         table[texture][TOTAL] = {
             column: {name: mean([m[column][name] for m in own]) for name in own[0][column]}
-            for column in COLUMNS
+            for column in own[0]
         }
     return table
 
@@ -130,8 +128,8 @@ def by_section(
     weights: Weights,
     sections: Sequence[Sequence[int]],
 ) -> list[Sampled]:
-    """AP (VOC, area, class car), mean over the detectors, of each section of the views."""
-    found = [each.column("car") for each in seen.values()]
+    """AP (VOC, area, own class), mean over the detectors, of each section of the views."""
+    found = [each.column(each.label) for each in seen.values()]
     sampled = []
     for views in sections:
         truths = [boxes[i][None] for i in views]

@@ -13,11 +13,12 @@ matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 
+from cnca.core.detections import ALARM
 from cnca.core.files import replacing
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side
 from cnca.judge.records import SectionScores
 from cnca.judge.stage import Eye, Stage
-from cnca.judge.verdict import ALARM, Seen
+from cnca.judge.verdict import Seen
 
 SHOWN_VIEWS = 6
 UNITS = {

@@ -37,7 +37,7 @@ def write_table1(out: Path, results: Evidence, *, paper_figures: bool) -> Path:
     """Write ``table1.md`` from the results of an evaluation; returns its path."""
     detectors = with_total(results.detectors)
     cells = {
-        row: [cell(results.all[row][name]["car"]["AP_voc"]) for name in detectors]
+        row: [cell(results.all[row][name][results.label]["AP_voc"]) for name in detectors]
         for row in results.rows
     }
     body = quoted_table(
@@ -49,7 +49,7 @@ def write_table1(out: Path, results: Evidence, *, paper_figures: bool) -> Path:
     )
     text = (
         "# Table 1: camouflages before several detectors\n\n"
-        "AP@0.5 of the car, Pascal VOC 2010–2012 (area under the curve), over "
+        f"AP@0.5 of the {results.label}, Pascal VOC 2010–2012 (area under the curve), over "
         f"{results.views} of the 8192 views of the paper's grid. In brackets: "
         f"{results.interval}.\n\n{body}"
     )

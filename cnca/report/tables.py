@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cnca.core.files import replacing
+from cnca.detect.classes import counted
 from cnca.judge.records import Estimate, Evidence, FrameFit, Scores
 from cnca.judge.verdict import LEAST_VIEWS, MEASURES, TOO_FEW, TOTAL
 
@@ -31,22 +32,34 @@ def write_markdown(path: Path, results: Evidence, pictures: Sequence[str]) -> No
         "# Evaluation\n",
         f"{results.views} views; scenes: {', '.join(results.scenes)}. In brackets: "
         f"{results.interval}. {_meaning(results)}\n",
-        "## AP@0.5 of the car (Pascal VOC 2010–2012, area)\n",
-        by_detector(results.all, "car", results),
-        "## AP@0.5 as any vehicle (car, truck, bus)\n",
-        by_detector(results.all, "vehicle", results),
+    ]
+    for column, title in column_titles(results.label).items():
+        parts += [
+            f"## AP@0.5 {title} (Pascal VOC 2010–2012, area)\n",
+            by_detector(results.all, column, results),
+        ]
+    parts += [
         "## All measures, mean over the detectors\n",
         by_measure(results),
     ]
     if results.comparisons:
         parts += ["## Against the controls\n", _comparisons(results)]
     for scene, measured in (results.by_scene or {}).items():
-        parts += [f"## {scene}: AP@0.5 of the car\n", by_detector(measured, "car", results)]
+        title = f"## {scene}: AP@0.5 of the {results.label}\n"
+        parts += [title, by_detector(measured, results.label, results)]
     if results.frames is not None:
         parts += ["## Frames\n", _frames(results.frames)]
     parts += ["## Pictures\n", *(f"![{name}]({name})\n" for name in pictures)]
     with replacing(path) as temporary:
         temporary.write_text("\n".join(parts), encoding="utf-8")
+
+
+def column_titles(label: str) -> dict[str, str]:
+    """Column of the results → what its AP is of."""
+    return {
+        column: f"of the {label}" if column == label else f"as any vehicle ({', '.join(classes)})"
+        for column, classes in counted(label).items()
+    }
 
 
 def headlines(results: Evidence) -> list[str]:
@@ -100,7 +113,7 @@ def _meaning(results: Evidence) -> str:
 def by_detector(measured: Scores, column: str, results: Evidence) -> str:
     """AP of every texture before every detector, ``measured`` as ``results.all`` is.
 
-    ``column`` is ``car``, or ``vehicle`` for any vehicle.
+    ``column`` is the vehicle's class, or ``vehicle`` for any vehicle.
     """
     detectors = with_total(results.detectors)
     rows = [
@@ -114,7 +127,7 @@ def by_measure(results: Evidence) -> str:
     """All measures of every texture, mean over the detectors."""
     rows = []
     for row in results.rows:
-        total = results.all[row][TOTAL]["car"]
+        total = results.all[row][TOTAL][results.label]
         rows.append([row, *(cell(total[name]) if name in total else "–" for name in MEASURES)])
     return table(["texture", *MEASURES.values()], rows)
 
@@ -135,7 +148,13 @@ def comparison_table(results: Evidence) -> str:
         for found in results.comparisons
         if found.detector in with_total(results.detectors)
     ]
-    head = ["texture", "control", "detector", "difference of AP@0.5 (VOC, car)", "verdict"]
+    head = [
+        "texture",
+        "control",
+        "detector",
+        f"difference of AP@0.5 (VOC, {results.label})",
+        "verdict",
+    ]
     return table(head, rows)
 
 

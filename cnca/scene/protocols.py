@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from cnca.core.detections import ALARM, SUPPRESSION
 from cnca.core.types import (
     Boxes,
     Candidates,
@@ -128,6 +129,10 @@ class Detector(Protocol):
         """Return all boxes before non-maximum suppression, in pixels of ``images``."""
 
     def detect(
-        self, images: SrgbImages, *, score_threshold: float = 0.25, iou_threshold: float = 0.45
+        self,
+        images: SrgbImages,
+        *,
+        score_threshold: float = ALARM,
+        iou_threshold: float = SUPPRESSION,
     ) -> list[Detections]:
         """Return the boxes after thresholds and non-maximum suppression, without gradient."""

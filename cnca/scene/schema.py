@@ -16,6 +16,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    StringConstraints,
     ValidationError,
     model_validator,
 )
@@ -44,6 +45,9 @@ FieldOfView = Annotated[float, Field(gt=0, lt=180)]
 Asymmetry = Annotated[float, Field(ge=-MOST_ASYMMETRY, le=MOST_ASYMMETRY)]
 
 
+Label = Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)]
+
+
 class Section(BaseModel):
     """A part of the file; unknown keys are errors."""
 
@@ -66,6 +70,8 @@ class VehicleSection(Section):
     """``builtin:NAME`` or the path of an OBJ, PLY, glTF or GLB file."""
     missing: str | None = None
     """What to tell a user who does not have the mesh: what to put where."""
+    label: Label = "car"
+    """What it is: the class as which detectors are to find it, such as truck, bus or boat."""
     up: Literal["x", "y", "z"] = "y"
     """The file's upward axis."""
     front: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+x"

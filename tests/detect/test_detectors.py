@@ -6,9 +6,9 @@ import sys
 import pytest
 import torch
 
+from cnca.core.detections import suppress
 from cnca.core.errors import DetectorError, NonFiniteError
 from cnca.detect import BUILTINS, load_detector
-from cnca.detect.base import suppress
 from cnca.detect.preprocess import letterbox, stretch
 from cnca.scene.protocols import Detector
 

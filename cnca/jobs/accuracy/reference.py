@@ -13,6 +13,7 @@ from torch.nn import functional
 
 from cnca import build
 from cnca.core.color import linear_to_srgb
+from cnca.core.detections import LEAST_SCORE
 from cnca.core.files import replacing
 from cnca.core.manifest import DRAWING, hashes, program
 from cnca.core.progress import bar
@@ -48,7 +49,7 @@ class Bench:
         self.mask = self.renderer.vehicle_mask([view])[0] == 1
         self.boxes = self.renderer.vehicle_boxes([view])
         self.detector = detector
-        self.label = build.vehicle_label(detector.class_names)
+        self.label = build.vehicle_label(detector.class_names, scene.vehicle.label)
 
     def plan(self, demand: Demand) -> EffectPlan:
         """What the demand comes to here."""
@@ -91,7 +92,7 @@ class Bench:
 
     def score(self, image: LinearImages) -> float:
         """How surely the detector finds the vehicle."""
-        found = self.detector.detect(linear_to_srgb(image), score_threshold=0.01)[0]
+        found = self.detector.detect(linear_to_srgb(image), score_threshold=LEAST_SCORE)[0]
         return detection_score(found, self.boxes[0], self.label)
 
 

@@ -25,6 +25,7 @@ from cnca.attack.style import Style, style_of
 from cnca.attack.targets import Target, parse_targets, refuse_black_boxes
 from cnca.attack.variables import origin
 from cnca.core import parallel
+from cnca.core.detections import ALARM
 from cnca.core.files import append_text, write_text
 from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import hashes, write_json
@@ -69,7 +70,7 @@ def run(request: Request, console: Console) -> dict[str, Any]:
 
 def assemble(request: Request, scene: Scene) -> Attack:
     """The parts of the attack that the request names; raises DetectorError for black boxes."""
-    targets = build.build_targets(request.detectors)
+    targets = build.build_targets(request.detectors, scene.vehicle.label)
     refuse_black_boxes(targets)
     vehicle = build.build_vehicle(scene)
     paint = build.build_paint(scene, vehicle)
@@ -209,7 +210,7 @@ def _before_after(results: dict[str, Result], target: Target) -> SrgbPicture:
     for name in ("before", "after"):
         result = results[name]
         for i in shown_views(len(result.images)):
-            sure = result.detections[i].above(0.25)
+            sure = result.detections[i].above(ALARM)
             picture = as_pictures(result.images[i : i + 1])[0]
             tiles.append(draw_boxes(picture, sure, target.detector.class_names, result.boxes[i]))
             captions.append(f"{name}: score {result.scores[i]:.2f}")

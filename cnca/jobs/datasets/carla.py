@@ -97,7 +97,8 @@ def import_carla(
     sources = sorted(folder.glob("*.npz"))
     if not sources:
         raise RunError(f"{folder}: no .npz frames in this folder; give the one that holds them")
-    vehicle, data = build.build_vehicle(load_scene(scene_file)), DataSet(out)
+    scene = load_scene(scene_file)
+    vehicle, data = build.build_vehicle(scene), DataSet(out, scene.vehicle.label)
     records: list[FrameRecord | FrameProblem] = []
     with bar(console) as shown:
         for index, source in enumerate(shown.track(sources, description="frames")):

@@ -32,12 +32,11 @@ from cnca.core.files import replacing
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, draw_boxes, side_by_side, write_png
 from cnca.core.records import as_json
+from cnca.detect.classes import CAR, COCO91, GENERIC, VEHICLE, known_name
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-CATEGORY = {"id": 3, "name": "car", "supercategory": "vehicle"}
-"""As in COCO, so that detectors trained there need no other table."""
 COVERED = 0.5
 """Share of a pixel from which it belongs to COCO's segmentation."""
 PER_TAR = 1000
@@ -50,8 +49,9 @@ Mask = Float[np.ndarray, "height width"]
 class DataSet:
     """A folder in this layout."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, label: str = CAR):
+        """``label`` is what the pictured vehicle is."""
+        self.folder, self.label = folder, label
 
     def path(self, kind: str, index: int) -> Path:
         """The file of one picture; ``kind`` is the folder."""
@@ -86,7 +86,7 @@ class DataSet:
         indices = self.indices()
         records = [self.record(index) for index in indices]
         masks = (self._mask(index) for index in indices)
-        write_json(self.folder / "annotations.json", coco(records, masks))
+        write_json(self.folder / "annotations.json", coco(records, masks, self.label))
         if indices:
             self._write_sheet(records)
         if tar:
@@ -140,9 +140,19 @@ def extent_of(mask: Mask) -> Extent:
     return Extent(height, width, box)
 
 
-def coco(records: list[dict[str, Any]], masks: Iterable[Mask]) -> dict[str, Any]:
+def category(label: str) -> dict[str, Any]:
+    """A class as COCO numbers it, so that detectors trained there need no other table.
+
+    One that COCO does not have gets the first number after COCO's.
+    """
+    name = known_name(label)
+    number = COCO91.index(name) if name in COCO91 else len(COCO91)
+    return {"id": number, "name": name, "supercategory": VEHICLE if name in GENERIC else name}
+
+
+def coco(records: list[dict[str, Any]], masks: Iterable[Mask], label: str = CAR) -> dict[str, Any]:
     """COCO's object detection format; everything else of a record stands in ``images``."""
-    images, annotations = [], []
+    images, annotations, own = [], [], category(label)
     for record, mask in zip(records, masks, strict=True):
         index = record["index"]
         left, top, right, bottom = record["box_xyxy"]
@@ -151,14 +161,14 @@ def coco(records: list[dict[str, Any]], masks: Iterable[Mask]) -> dict[str, Any]
             {
                 "id": index + 1,  # COCO's tools take 0 for "none"
                 "image_id": index,
-                "category_id": CATEGORY["id"],
+                "category_id": own["id"],
                 "bbox": [left, top, right - left, bottom - top],
                 "area": int((mask >= COVERED).sum()),
                 "segmentation": run_lengths(mask),
                 "iscrowd": 0,
             }
         )
-    return {"images": images, "annotations": annotations, "categories": [CATEGORY]}
+    return {"images": images, "annotations": annotations, "categories": [own]}
 
 
 def run_lengths(mask: Mask) -> dict[str, list[int]]:

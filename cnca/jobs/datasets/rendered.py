@@ -69,7 +69,7 @@ def render_dataset(
     if not 1 <= count <= len(grid):
         raise RunError(f"--images {count}: the scene's grid has 1 to {len(grid)}")
     samples = samples or scene.image.samples
-    data = DataSet(out)
+    data = DataSet(out, scene.vehicle.label)
     request = {"scene": scene.model_dump(mode="json"), "samples": samples}
     inputs = hashes(build.scene_files(scene, scene_file))
     # The same command goes on without a word: its parts run side by side, in any order.

@@ -19,7 +19,7 @@ from cnca.core.progress import bar
 from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.detect import detector_files
-from cnca.jobs.evaluate.parts import Request, build_eyes, build_stages
+from cnca.jobs.evaluate.parts import Request, build_eyes, build_stages, shared_label
 from cnca.judge.candidates import Candidate, named, parse_candidates
 from cnca.judge.records import Evidence
 from cnca.judge.results import judge
@@ -40,7 +40,7 @@ def evaluate_scenes(request: Request, console: Console) -> Evidence:
         CncaError: a scene, texture or detector cannot be used.
     """
     candidates = parse_candidates(request.textures)
-    eyes = build_eyes(request.detectors)
+    eyes = build_eyes(request.detectors, shared_label(request.scenes))
     stages = build_stages(request, candidates)
     parallel.by_first(lambda: _write_manifest(request, candidates))
     with bar(console) as shown:

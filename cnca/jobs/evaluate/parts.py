@@ -15,6 +15,7 @@ from cnca.core.errors import DetectorError, RunError
 from cnca.core.manifest import DETECTING, PAINTING, hashes, program
 from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files
+from cnca.detect.classes import CAR, known_name
 from cnca.jobs.attack.run import held_out_shots
 from cnca.jobs.evaluate.frames import Frames, MaskedRenderer, OverFrames, read_frames
 from cnca.judge.candidates import CONTROLS, Candidate, make_coats, named, read_candidate
@@ -64,13 +65,29 @@ class Request:
             raise RunError(f"--spp {self.samples}: a picture needs at least one ray per pixel")
 
 
-def build_eyes(specs: Sequence[str]) -> list[Eye]:
-    """The detectors, each ``[NAME=]SPEC``; raises DetectorError where two have one name."""
+def shared_label(scenes: Sequence[Path]) -> str:
+    """What the vehicle of all these scenes is; raises RunError where they differ in that."""
+    labels = {path: known_name(load_scene(path).vehicle.label) for path in scenes}
+    first = labels[scenes[0]]
+    for path, label in labels.items():
+        if label != first:
+            raise RunError(
+                f"--scene {path}: vehicle.label is {label}, and {first} in {scenes[0]}; evaluate "
+                "one kind of vehicle at a time"
+            )
+    return first
+
+
+def build_eyes(specs: Sequence[str], label: str = CAR) -> list[Eye]:
+    """The detectors, each ``[NAME=]SPEC``, that are to find a ``label``.
+
+    Raises DetectorError where two have one name, or one has no such class.
+    """
     eyes: list[Eye] = []
     for spec in specs:
         name, what = named(spec)
         detector = build.build_detector(what)
-        build.vehicle_label(detector.class_names)  # those without a car see no camouflage either
+        build.vehicle_label(detector.class_names, label, detector=f"--detector {what}")
         files = sorted(hashes(detector_files(what)).values())
         key = digest(detector.name, files, program(*DETECTING))
         eyes.append(Eye(name or detector.name, detector, key))
@@ -112,6 +129,7 @@ def _stage(
         shots=_shots(request, scene),
         coats=make_coats(paint, textures, prompts(), wanted=request.controls, seed=request.seed),
         folder=request.out,
+        label=known_name(scene.vehicle.label),
         key=scene_key(
             scene,
             vehicle,

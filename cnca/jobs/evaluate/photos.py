@@ -18,6 +18,7 @@ from rich.console import Console
 
 from cnca.core import parallel
 from cnca.core.boxes import area, iou_matrix
+from cnca.core.detections import ALARM, MATCH
 from cnca.core.errors import RunError
 from cnca.core.files import replacing
 from cnca.core.manifest import hashes, write_json
@@ -27,6 +28,7 @@ from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.detect import detector_files
+from cnca.detect.classes import CAR, VEHICLES, counted
 from cnca.jobs.evaluate.parts import build_eyes
 from cnca.judge.bootstrap import Sampled, mean, resample
 from cnca.judge.candidates import named
@@ -36,9 +38,9 @@ from cnca.judge.labels import Photo, read_labels
 from cnca.judge.records import Comparison, PhotoEvidence
 from cnca.judge.scores import Kind, rank
 from cnca.judge.stage import Eye
-from cnca.judge.verdict import ALARM, COLUMNS, TOTAL, Seen, estimates, word_for
+from cnca.judge.verdict import TOTAL, Seen, estimates, word_for
 from cnca.report.paper_tables import TABLE2, TABLE2_COLUMNS, quoted_table
-from cnca.report.tables import cell, table, with_total
+from cnca.report.tables import cell, column_titles, table, with_total
 
 KINDS: tuple[Kind, ...] = ("voc", "voc11", "coco")
 IGNORED_SHARE = 0.5
@@ -118,8 +120,8 @@ def judge_photos(photos: Sequence[Photo], seen: Mapping[str, Seen], seed: int) -
     for group in groups[1:]:
         fewer = min(counts[group], counts[groups[0]])
         for detector in (*seen, TOTAL):
-            first = measured[groups[0]][detector]["car"]["AP_voc"]
-            difference = measured[group][detector]["car"]["AP_voc"] - first
+            first = measured[groups[0]][detector][CAR]["AP_voc"]
+            difference = measured[group][detector][CAR]["AP_voc"] - first
             comparisons.append(
                 Comparison(
                     **asdict(difference.estimate()),
@@ -164,7 +166,7 @@ def without_ignored(found: Detections, truth: Boxes, ignored: Boxes) -> Detectio
     high = torch.minimum(found.boxes[:, None, 2:], ignored[None, :, 2:])
     common = (high - low).clamp(min=0).prod(dim=-1).amax(dim=1)
     inside = common >= IGNORED_SHARE * area(found.boxes).clamp(min=1e-9)
-    near_object = (iou_matrix(found.boxes, truth) >= 0.5).any(dim=1)
+    near_object = (iou_matrix(found.boxes, truth) >= MATCH).any(dim=1)
     keep = ~inside | near_object
     return Detections(found.boxes[keep], found.scores[keep], found.labels[keep])
 
@@ -176,7 +178,7 @@ def _measure(
     table: dict[str, dict[str, dict[str, Sampled]]] = {}
     for name, each in seen.items():
         table[name] = {}
-        for column, classes in COLUMNS.items():
+        for column, classes in counted().items():
             truths = [photo.boxes(classes) for photo in photos]
             ignored = [torch.tensor(photo.ignored).reshape(-1, 4) for photo in photos]
             part = Seen([each.detections[i] for i in own], each.class_names).column(column)
@@ -191,7 +193,7 @@ def _measure(
             f"AP_{kind}": mean([table[name][column][f"AP_{kind}"] for name in seen])
             for kind in KINDS
         }
-        for column in COLUMNS
+        for column in counted()
     }
     return table
 
@@ -203,12 +205,12 @@ def _write_table2(request: PhotoRequest, results: PhotoEvidence, pictures: list[
         ", ".join(f"{group}: {count} photographs" for group, count in results.photos.items())
         + f". In brackets: {results.interval}.\n",
     ]
-    for column, title in (("car", "of the car"), ("vehicle", "as any vehicle (car, truck, bus)")):
+    for column, title in column_titles(CAR).items():
         cells = {
             row: [cell(results.all[row][name][column]["AP_voc"]) for name in detectors]
             for row in results.rows
         }
-        quoted = TABLE2 if request.paper_figures and column == "car" else {}
+        quoted = TABLE2 if request.paper_figures and column == CAR else {}
         columns = TABLE2_COLUMNS if quoted else ()
         parts += [
             f"## AP@0.5 {title} (Pascal VOC 2010–2012, area)\n",
@@ -238,7 +240,7 @@ def _contact_sheet(photos: Sequence[Photo], seen: Seen) -> SrgbPicture:
             small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             sure = seen.detections[i].above(ALARM)
             scaled = Detections(sure.boxes * scale, sure.scores, sure.labels)
-            truth = photos[i].boxes(COLUMNS["vehicle"]) * scale
+            truth = photos[i].boxes(VEHICLES) * scale
             tiles.append(draw_boxes(small, scaled, seen.class_names, truth))
             captions.append(group)
     return side_by_side(tiles, captions, columns=SHOWN)

@@ -91,7 +91,8 @@ def predict(run: Run, printed: SrgbTexture, console: Console) -> Prediction:
     """The run's verdict once more, for its texture and for what is left of it in print."""
     request, seed = run.request, run.request["settings"]["seed"]
     # Runs of the first versions have one detector, under another name.
-    targets = build.build_targets(request.get("detectors") or [request["detector"]])
+    detectors = request.get("detectors") or [request["detector"]]
+    targets = build.build_targets(detectors, run.scene.vehicle.label)
     shots = held_out_shots(run.scene, request["held_out_views"], seed)
     renderer = build.build_renderer(run.scene, run.vehicle, backend=request["backend"])
     albedos = {

@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from cnca.core.detections import ALARM, LEAST_SCORE
 from cnca.core.types import Detections
 from cnca.judge.scores import average_precision, detection_score
 from cnca.scene.protocols import Detector
 from cnca.train.detector.dataset import TEST, LabelledPictures
-
-LOWEST_SCORE = 0.01
-"""Detections below do not enter the precision–recall curve."""
-ALARM = 0.25
 
 
 def measure(
@@ -29,7 +26,7 @@ def measure(
     for start in range(0, len(indices), batch):
         pictures = np.asarray(data.pictures[indices[start : start + batch]])
         images = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255
-        detections += detector.detect(images, score_threshold=LOWEST_SCORE)
+        detections += detector.detect(images, score_threshold=LEAST_SCORE)
     truths = [_boxes_of(data.boxes[index], label) for index in indices]
     groups = [data.groups[index] for index in indices]
     report = {"all": _summary(detections, truths, label)}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cnca.core.errors import RunError
-from cnca.jobs.datasets.layout import DataSet, run_lengths
+from cnca.jobs.datasets.layout import DataSet, category, run_lengths
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,21 @@ def test_files_come_back(data):
     grey = cv2.imread(str(data.path("masks", 1)), cv2.IMREAD_GRAYSCALE) / 255
     assert np.allclose(grey, mask(1), atol=1 / 255)
     assert data.record(0)["box_xyxy"] == [0, 2, 10, 8]
+
+
+@pytest.mark.parametrize(
+    ("label", "number", "above"),
+    [
+        ("car", 3, "vehicle"),
+        ("Truck", 8, "vehicle"),
+        ("motorcycle", 4, "vehicle"),
+        ("person", 1, "person"),
+        ("tank", 91, "tank"),
+    ],
+)
+def test_categories_are_numbered_as_coco_does(label, number, above):
+    found = category(label)
+    assert (found["id"], found["supercategory"]) == (number, above)
 
 
 def test_annotations_are_coco(data):
