@@ -21,7 +21,7 @@ from rich.console import Console
 from tables import put
 
 from cnca.jobs.evaluate.evaluation import evaluate_scenes
-from cnca.jobs.evaluate.parts import Request
+from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.judge.candidates import named
 from cnca.judge.records import Evidence
 from cnca.report.tables import by_detector, by_measure, comparison_table
@@ -54,7 +54,7 @@ def main() -> None:
     options = parser.parse_args()
     for name, folder in map(named, options.run):
         results = evaluate_scenes(
-            Request(
+            EvaluationRequest(
                 scenes=tuple(Path(f"scenes/{name}_{weather}.yaml") for weather in ("clear", "fog")),
                 out=options.out / name,
                 textures=(f"cnca={folder}",),

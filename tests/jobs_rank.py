@@ -16,8 +16,8 @@ from rich.console import Console
 
 from cnca.core import parallel
 from cnca.jobs.evaluate.evaluation import evaluate_scenes
-from cnca.jobs.evaluate.parts import Request
-from cnca.jobs.evaluate.photos import PhotoRequest, evaluate_photos
+from cnca.jobs.evaluate.photos import evaluate_photos
+from cnca.jobs.evaluate.request import EvaluationRequest, PhotoRequest
 from cnca.judge import stage
 from cnca.train.efr import train
 from cnca.train.loop import TrainingLoop
@@ -54,7 +54,8 @@ def run_jobs(folder: Path) -> None:
         return photograph(*arguments)
 
     stage.photograph = counted
-    evaluate_scenes(Request((folder / "scene.yaml",), folder / "evidence", views=8), QUIET)
+    evidence = EvaluationRequest(folder / "evidence", (folder / "scene.yaml",), views=8)
+    evaluate_scenes(evidence, QUIET)
     stage.photograph = photograph
     photos = PhotoRequest(folder / "photos", folder / "labels.json", folder / "table2")
     evaluate_photos(photos, QUIET)

@@ -50,6 +50,10 @@ class Given(Generic[Record]):
         """
         return _fill(self._kind, {**self._values, **more})
 
+    def asks_for(self, *names: str) -> bool:
+        """Whether one of these fields, empty by default, was given."""
+        return any(self._values.get(name) for name in names)
+
 
 def takes(
     *records: type, without: Sequence[str] = ()

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from cnca.jobs.attack.forecast import Forecast
     from cnca.jobs.attack.request import Request
     from cnca.jobs.attack.rerun import Rerun
+    from cnca.jobs.hardening_request import HardeningRequest
+    from cnca.judge.records import Evidence, PhotoEvidence
 
 
 def messages() -> Console:
@@ -103,3 +105,35 @@ def rerun(again: Rerun) -> None:
         apart = f"differs by up to {again.difference * 255:.0f} of 255"
         line(f"texture: {apart if again.difference else same}")
     ending({"texture": again.out / "texture.png"})
+
+
+def evidence(results: Evidence) -> None:
+    """What each row reaches: mean of the detectors, the vehicle's class, 95 % intervals."""
+    from cnca.judge.verdict import TOTAL
+    from cnca.report.tables import cell
+
+    rows = []
+    for row in results.rows:
+        total = results.all[row][TOTAL][results.label]
+        measures = ("AP_voc", "AP_coco", "score")
+        rows.append([row, *(cell(total[name], digits=2) for name in measures)])
+    table(["texture", "AP@0.5 (VOC)", "AP@0.5 (COCO)", "score"], rows)
+
+
+def photographs(results: PhotoEvidence) -> None:
+    """AP@0.5 (VOC) of the car in each row of photographs, by detector."""
+    from cnca.detect.classes import CAR
+    from cnca.report.tables import cell
+
+    rows = [
+        [row, *(cell(detectors[name][CAR]["AP_voc"], digits=2) for name in results.detectors)]
+        for row, detectors in results.all.items()
+    ]
+    table(["photographs", *results.detectors], rows)
+
+
+def hardening(request: HardeningRequest) -> None:
+    """The table of a hardening, and what names the detector that came of it."""
+    line((request.out / "hardening.md").read_text(encoding="utf-8"))
+    line(f"hardened detector: --detector {request.hardened}")
+    ending({"table": request.out / "hardening.md"}, ["report", request.out])

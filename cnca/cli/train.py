@@ -9,7 +9,8 @@ import typer
 
 from cnca.cli.app import app
 from cnca.cli.help import TRAIN
-from cnca.cli.options import Resume, Seed
+from cnca.cli.options import Given, Resume, Seed, takes
+from cnca.jobs.hardening_request import HardeningRequest
 
 
 @app.command("train-generator", rich_help_panel=TRAIN)
@@ -59,33 +60,17 @@ def train_detector(
 
 
 @app.command(rich_help_panel=TRAIN)
-def harden(
-    texture: Annotated[
-        list[str], typer.Option(help="Camouflage, as for evaluate; repeatable: [NAME=]PATH.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for pictures, weights and table.")],
-    detector: Annotated[str, typer.Option(help="A built-in one.")] = "builtin",
-    scene: Annotated[
-        Path | None, typer.Option(help="Scene file; by default that of the first texture's run.")
-    ] = None,
-    pictures: Annotated[int, typer.Option(help="Pictures to render.")] = 480,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 24,
-    views: Annotated[int, typer.Option(help="Held-out views that judge it.")] = 96,
-    seed: Seed = 0,
-    resume: Resume = False,
-) -> None:
+@takes(HardeningRequest)
+def harden(given: Given[HardeningRequest], resume: Resume = False) -> None:
     """Train a built-in detector on camouflages, and measure AP@0.5 before and after."""
-    from rich.console import Console
-
+    from cnca.cli import show
     from cnca.core.interrupts import resumable
-    from cnca.jobs.harden import Request, harden
+    from cnca.jobs.harden import harden
 
-    request = Request(tuple(texture), out, detector, scene, pictures, epochs, views, seed)
-    console = Console(stderr=True)
-    with resumable(console, f"the same command with --resume goes on in {out}"):
+    request, console = given.record(), show.messages()
+    with resumable(console, f"the same command with --resume goes on in {request.out}"):
         harden(request, console, resume=resume)
-    typer.echo((out / "hardening.md").read_text(encoding="utf-8"))
-    typer.echo(f"hardened detector: --detector {request.hardened}")
+    show.hardening(request)
 
 
 @app.command("train-efr", rich_help_panel=TRAIN)

@@ -20,18 +20,20 @@ from pathlib import Path
 from rich.console import Console
 
 from cnca import build
-from cnca.core.errors import DetectorError, RunError, did_you_mean
+from cnca.core.errors import RunError
 from cnca.core.files import write_text
 from cnca.core.manifest import hashes, read_json, write_json
 from cnca.core.progress import bar
 from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.detect import BUILTINS, detector_files
-from cnca.jobs.evaluate.parts import Request as EvidenceRequest
 from cnca.jobs.evaluate.parts import build_eyes, build_stages
+from cnca.jobs.evaluate.request import EvaluationRequest
+from cnca.jobs.hardening_request import HardeningRequest
 from cnca.judge.bootstrap import resample
-from cnca.judge.candidates import NORMAL, Candidate, parse_candidates, read_candidate
+from cnca.judge.candidates import Candidate, parse_candidates, read_candidate
 from cnca.judge.records import Estimate
+from cnca.judge.rows import NORMAL
 from cnca.judge.stage import see
 from cnca.judge.verdict import measure_all, word_for
 from cnca.report.tables import cell, table
@@ -41,37 +43,6 @@ from cnca.train.detector.training import Settings, train_detector
 
 BEFORE, AFTER = "before", "after"
 MEASURES = {"AP_voc": "AP@0.5", "score": "score"}
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the command line asks for."""
-
-    textures: tuple[str, ...]
-    """As ``cnca evaluate`` takes them."""
-    out: Path
-    detector: str = "builtin"
-    scene: Path | None = None
-    """By default that of the run that found the first texture."""
-    pictures: int = 480
-    epochs: int = 24
-    views: int = 96
-    """Held-out views that judge both detectors."""
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.detector not in BUILTINS:
-            hint = did_you_mean(self.detector, BUILTINS)
-            raise DetectorError(
-                f"--detector {self.detector}: only built-in ones are hardened, "
-                f"{', '.join(BUILTINS)}{hint}"
-            )
-
-    @property
-    def hardened(self) -> str:
-        """What names the hardened detector to ``--detector``."""
-        template, folder = BUILTINS[self.detector], self.out / "detector"
-        return str(folder / template.name if template.suffix else folder)
 
 
 @dataclass(frozen=True)
@@ -96,7 +67,7 @@ class Hardening:
     """The report of the training."""
 
 
-def harden(request: Request, console: Console, *, resume: bool = False) -> Hardening:
+def harden(request: HardeningRequest, console: Console, *, resume: bool = False) -> Hardening:
     """Render, train, compare; returns what ``hardening.json`` holds.
 
     Raises:
@@ -105,7 +76,7 @@ def harden(request: Request, console: Console, *, resume: bool = False) -> Harde
     """
     candidates = parse_candidates(request.textures)
     scene_file = request.scene or scene_of(candidates[0])
-    evidence = EvidenceRequest(
+    evidence = EvaluationRequest(
         scenes=(scene_file,),
         out=request.out / "views",
         textures=request.textures,
@@ -159,7 +130,7 @@ def make_cast(scene: Scene, candidates: Sequence[Candidate]) -> Cast:
 
 
 def compare(
-    evidence: EvidenceRequest, candidates: Sequence[Candidate], console: Console
+    evidence: EvaluationRequest, candidates: Sequence[Candidate], console: Console
 ) -> tuple[int, dict[str, dict[str, Change]]]:
     """How many views there are, and what every texture's measures were and are."""
     stages = build_stages(evidence, candidates)

@@ -25,6 +25,7 @@ import torch
 from cnca.core.errors import TextureError
 from cnca.core.images import SrgbArray, read_texture_srgb
 from cnca.core.types import LinearTexture, SrgbTexture
+from cnca.judge.rows import CONTROLS, NORMAL, RESERVED
 from cnca.scene import controls
 from cnca.scene.paint import Paint
 from cnca.vehicle.model import Vehicle
@@ -34,10 +35,6 @@ BLOCKS = 16
 """Squares per side of a shuffled texture."""
 Coat = Callable[[int], LinearTexture]
 """The albedo of a texture in the weather of this index."""
-
-NORMAL = "normal"
-CONTROLS = ("uniform", "random", "prompt", "shuffled")
-RESERVED = (NORMAL, "uniform", "random", "prompt", "photograph", "total")
 
 
 @dataclass(frozen=True)

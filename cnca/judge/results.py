@@ -9,8 +9,9 @@ import torch
 
 from cnca.core.types import Boxes
 from cnca.judge.bootstrap import resample
-from cnca.judge.candidates import NORMAL, controls_of
+from cnca.judge.candidates import controls_of
 from cnca.judge.records import Comparison, Evidence, Scores, SectionScores
+from cnca.judge.rows import NORMAL
 from cnca.judge.sections import AXES, parameters, sections
 from cnca.judge.stage import Eye, Stage
 from cnca.judge.verdict import (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cnca.core.pictures import SrgbPicture
-from cnca.judge.candidates import NORMAL
+from cnca.judge.rows import NORMAL
 from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip
 from cnca.report.markdown import as_html
 from cnca.report.webpage import file_uri, jpeg_uri

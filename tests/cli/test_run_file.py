@@ -5,8 +5,7 @@ import math
 import pytest
 from typer.testing import CliRunner
 
-from cnca.cli import attack
-from cnca.cli import evidence_output as terminal_of_evidence
+from cnca.cli import attack, evaluate
 from cnca.cli.app import app
 from cnca.core.errors import RunError
 from cnca.jobs.attack.request import Request
@@ -67,7 +66,7 @@ def test_a_repeatable_flag_may_stand_alone(asked, write):
 
 def test_evaluate_takes_one_too(monkeypatch, write):
     found = []
-    monkeypatch.setattr(terminal_of_evidence, "evidence", found.append)
+    monkeypatch.setattr(evaluate, "_judge_views", found.append)
     text = "{out: out/evidence, scene: a.yaml, texture: [out/run, b.png], views: 12}"
     answer = CliRunner().invoke(app, ["evaluate", "--config", write(text), "--seed", "3"])
     assert answer.exit_code == 0, answer.output

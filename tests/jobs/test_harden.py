@@ -14,7 +14,8 @@ from cnca.core.images import write_texture_srgb
 from cnca.core.records import read_record
 from cnca.detect import BUILTIN_CONFIG, load_detector
 from cnca.detect.weights import stored_tensors
-from cnca.jobs.harden import Change, Hardening, Request, harden, make_cast, markdown, scene_of
+from cnca.jobs.harden import Change, Hardening, harden, make_cast, markdown, scene_of
+from cnca.jobs.hardening_request import HardeningRequest
 from cnca.judge.candidates import parse_candidates
 from cnca.judge.records import Estimate
 from cnca.scene.schema import load_scene
@@ -53,7 +54,7 @@ def small(monkeypatch):
 
 def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
     out = tmp_path / "out"
-    request = Request((str(run),), out, pictures=48, epochs=1, views=4)
+    request = HardeningRequest((str(run),), out, pictures=48, epochs=1, views=4)
     results = harden(request, CONSOLE)
 
     labels = json.loads((out / "pictures" / "labels.json").read_text())
@@ -82,7 +83,9 @@ def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
     with pytest.raises(RunError, match="already holds a run; add --resume"):
         harden(request, CONSOLE)
     with pytest.raises(RunError, match=r"was started with another epochs \(was 1, now 2\)"):
-        harden(Request((str(run),), out, pictures=48, epochs=2, views=4), CONSOLE, resume=True)
+        harden(
+            HardeningRequest((str(run),), out, pictures=48, epochs=2, views=4), CONSOLE, resume=True
+        )
     assert harden(request, CONSOLE, resume=True).rows == results.rows
 
 
@@ -97,7 +100,7 @@ def test_every_other_picture_wears_a_camouflage(run):
 
 def test_only_built_in_detectors(tmp_path):
     with pytest.raises(DetectorError, match=r"only built-in .* did you mean 'builtin'"):
-        Request(("a.png",), tmp_path, detector="buildin")
+        HardeningRequest(("a.png",), tmp_path, detector="buildin")
 
 
 def test_texture_without_a_run(tmp_path):

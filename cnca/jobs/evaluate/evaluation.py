@@ -19,7 +19,8 @@ from cnca.core.progress import bar
 from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.detect import detector_files
-from cnca.jobs.evaluate.parts import Request, build_eyes, build_stages, shared_label
+from cnca.jobs.evaluate.parts import build_eyes, build_stages, shared_label
+from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.judge.candidates import Candidate, named, parse_candidates
 from cnca.judge.records import Evidence
 from cnca.judge.results import judge
@@ -33,7 +34,7 @@ JOB = "evaluate"
 """Which command's results the folder holds."""
 
 
-def evaluate_scenes(request: Request, console: Console) -> Evidence:
+def evaluate_scenes(request: EvaluationRequest, console: Console) -> Evidence:
     """Render, look, judge, write everything; returns what ``results.json`` holds.
 
     Raises:
@@ -77,7 +78,7 @@ def write_evidence(
     write_markdown(out / "results.md", results, pictures)
 
 
-def _write_manifest(request: Request, candidates: Sequence[Candidate]) -> None:
+def _write_manifest(request: EvaluationRequest, candidates: Sequence[Candidate]) -> None:
     inputs = [each.picture for each in candidates]
     inputs += sorted(request.carla.glob("*.npz")) if request.carla else []
     for path in request.scenes:

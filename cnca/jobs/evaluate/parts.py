@@ -1,9 +1,9 @@
-"""What an evaluation is asked for, and the scenes, textures and detectors that it asks for."""
+"""The scenes, textures and detectors that an evaluation asks for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -18,51 +18,14 @@ from cnca.detect import detector_files
 from cnca.detect.classes import CAR, known_name
 from cnca.jobs.attack.run import held_out_shots
 from cnca.jobs.evaluate.frames import Frames, MaskedRenderer, OverFrames, read_frames
-from cnca.judge.candidates import CONTROLS, Candidate, make_coats, named, read_candidate
+from cnca.jobs.evaluate.request import EvaluationRequest
+from cnca.judge.candidates import Candidate, make_coats, named, read_candidate
 from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import digest, kept_pictures
 from cnca.judge.stage import Eye, Stage, scene_key
 from cnca.scene.paper_grid import find_grid, grid_shots
 from cnca.scene.schema import Scene, load_scene
 from cnca.vehicle.model import Vehicle
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the command line asks for."""
-
-    scenes: tuple[Path, ...]
-    out: Path
-    textures: tuple[str, ...] = ()
-    detectors: tuple[str, ...] = ("builtin",)
-    views: int = 96
-    """Of each scene."""
-    grid: str | None = None
-    """A preset of :mod:`cnca.scene.paper_grid`; by default the scene's ranges."""
-    carla: Path | None = None
-    """Folder of CARLA frames: the textures are drawn onto the vehicle in them, in all of them."""
-    fov: float = 90.0
-    """Horizontal field of view of these frames in degrees."""
-    prompt: str | None = None
-    generator: Path | None = None
-    controls: tuple[str, ...] = CONTROLS
-    """Which of :data:`cnca.judge.candidates.CONTROLS` stand beside the normal paint."""
-    backend: str = "mitsuba"
-    samples: int | None = None
-    """Rays per pixel; by default the scene's own number."""
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not self.scenes:
-            raise RunError("no --scene: give a scene file, or --photos with --labels")
-        if self.views < 2:
-            raise RunError(f"--views {self.views}: an interval needs at least two views")
-        if self.grid is not None:
-            find_grid(self.grid)
-        if self.carla is not None and (self.grid is not None or len(self.scenes) != 1):
-            raise RunError("--carla: frames have their own views; give one --scene and no --grid")
-        if self.samples is not None and self.samples < 1:
-            raise RunError(f"--spp {self.samples}: a picture needs at least one ray per pixel")
 
 
 def shared_label(scenes: Sequence[Path]) -> str:
@@ -98,7 +61,7 @@ def build_eyes(specs: Sequence[str], label: str = CAR) -> list[Eye]:
     return eyes
 
 
-def build_stages(request: Request, candidates: Sequence[Candidate]) -> list[Stage]:
+def build_stages(request: EvaluationRequest, candidates: Sequence[Candidate]) -> list[Stage]:
     """The scenes with their textures, or the CARLA frames; all have the same rows."""
     # Painted when all else has been found in order: it takes the longest.
     prompts = cache(lambda: _prompts(request, candidates))
@@ -110,7 +73,7 @@ def build_stages(request: Request, candidates: Sequence[Candidate]) -> list[Stag
 
 
 def _stage(
-    request: Request,
+    request: EvaluationRequest,
     path: Path,
     name: str,
     candidates: Sequence[Candidate],
@@ -141,7 +104,7 @@ def _stage(
     return stage if frames is None else _over_frames(stage, frames)
 
 
-def _frames(request: Request, folder: Path, scene: Scene, vehicle: Vehicle) -> Frames:
+def _frames(request: EvaluationRequest, folder: Path, scene: Scene, vehicle: Vehicle) -> Frames:
     fits, weather = request.out / "fits", scene.weather()
     return read_frames(folder, vehicle, weather, fov=request.fov, kept=fits, seed=request.seed)
 
@@ -160,7 +123,7 @@ def _over_frames(stage: Stage, frames: Frames) -> Stage:
     )
 
 
-def _shots(request: Request, scene: Scene) -> Shots:
+def _shots(request: EvaluationRequest, scene: Scene) -> Shots:
     """The grid's, or those that judge a ``cnca optimize`` of the same seed."""
     if request.grid is None:
         return held_out_shots(scene, request.views, request.seed)
@@ -168,7 +131,7 @@ def _shots(request: Request, scene: Scene) -> Shots:
     return Shots(*grid_shots(scene, grid, request.views, seed=request.seed), request.seed)
 
 
-def _prompts(request: Request, candidates: Sequence[Candidate]) -> dict[str, SrgbTexture]:
+def _prompts(request: EvaluationRequest, candidates: Sequence[Candidate]) -> dict[str, SrgbTexture]:
     """Row → texture with F_adv = 0: of ``--prompt``, and of every run's folder."""
     if "prompt" not in request.controls:
         return {}

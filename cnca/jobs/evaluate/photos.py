@@ -8,8 +8,7 @@ resampled for itself.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import asdict
 
 import cv2
 import numpy as np
@@ -30,6 +29,7 @@ from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.detect import detector_files
 from cnca.detect.classes import CAR, VEHICLES, counted
 from cnca.jobs.evaluate.parts import build_eyes
+from cnca.jobs.evaluate.request import PhotoRequest
 from cnca.judge.bootstrap import Sampled, mean, resample
 from cnca.judge.candidates import named
 from cnca.judge.evaluate import look
@@ -47,18 +47,6 @@ IGNORED_SHARE = 0.5
 """A detection that lies in an ignored box with this share of its area is ignored."""
 SHOWN, SHOWN_WIDTH = 6, 400
 """Photographs of each row on the contact sheet, and their width in pixels."""
-
-
-@dataclass(frozen=True)
-class PhotoRequest:
-    """What the command line asks for."""
-
-    photos: Path
-    labels: Path
-    out: Path
-    detectors: tuple[str, ...] = ("builtin",)
-    seed: int = 0
-    paper_figures: bool = False
 
 
 def evaluate_photos(request: PhotoRequest, console: Console) -> PhotoEvidence:

@@ -12,7 +12,7 @@ from cnca.core.images import write_texture_srgb
 from cnca.core.records import read_record
 from cnca.detect import BUILTIN_CONFIG
 from cnca.jobs.evaluate.evaluation import evaluate_scenes
-from cnca.jobs.evaluate.parts import Request
+from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.judge.records import Evidence
 
 pytestmark = pytest.mark.skipif(
@@ -34,10 +34,10 @@ def request_for(tmp_path):
     for name, level in (("texture.png", 0.1), ("texture_prompt.png", 0.6)):
         write_texture_srgb(run / name, np.full((8, 8, 3), level, np.float32))
 
-    def make(out="out", **options) -> Request:
+    def make(out="out", **options) -> EvaluationRequest:
         scenes = (tmp_path / "clear.yaml", tmp_path / "foggy.yaml")
         defaults = {"textures": (str(run),), "views": 4}
-        return Request(scenes, tmp_path / out, **(defaults | options))
+        return EvaluationRequest(tmp_path / out, scenes, **(defaults | options))
 
     return make
 

@@ -10,7 +10,8 @@ from cnca import build
 from cnca.core.color import linear_to_srgb, srgb_to_linear
 from cnca.core.errors import RunError, SceneError
 from cnca.jobs.evaluate.frames import MaskedRenderer, OverFrames, read_frames
-from cnca.jobs.evaluate.parts import Request, build_stages
+from cnca.jobs.evaluate.parts import build_stages
+from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.scene.cameras import orbit_view
 from cnca.scene.schema import load_scene
 from cnca.scene.weather import Weather
@@ -67,7 +68,7 @@ def test_the_etron_meets_a_frame_and_the_sedan_does_not(tmp_path):
     assert frames.photograph(0).shape == (1, 3, 800, 800)
     assert read_frames(tmp_path, vehicle, scene.weather(), **options).fits == frames.fits
 
-    request = Request((ROOT / "scenes" / "etron_clear.yaml",), tmp_path, carla=tmp_path)
+    request = EvaluationRequest(tmp_path, (ROOT / "scenes" / "etron_clear.yaml",), carla=tmp_path)
     (stage,) = build_stages(request, [])
     assert stage.rows[:2] == ["photograph", "normal"]
     assert isinstance(stage.renderer, OverFrames)

@@ -13,12 +13,12 @@ from cnca.core.types import Detections
 from cnca.jobs.evaluate import parts as evidence_parts
 from cnca.jobs.evaluate import photos
 from cnca.jobs.evaluate.photos import (
-    PhotoRequest,
     evaluate_photos,
     judge_photos,
     read_photo,
     without_ignored,
 )
+from cnca.jobs.evaluate.request import PhotoRequest
 from cnca.judge.labels import Photo
 from cnca.judge.verdict import Seen
 from tests.fakes import BOX, BrightnessDetector

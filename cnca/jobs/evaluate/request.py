@@ -1,0 +1,84 @@
+"""What ``cnca evaluate`` is asked for: textures on scenes, or labelled photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cnca.core.errors import RunError
+from cnca.core.options import COST, OUTPUT, WHAT, Flag
+from cnca.judge.rows import CONTROLS
+
+OUT = Flag("Folder for results; a rerun goes on in it.", OUTPUT)
+DETECTORS = Flag("[NAME=]builtin, .cfg or .onnx; repeatable.", name="detector")
+SEED = Flag("Seed of everything random.")
+PAPER_FIGURES = Flag("With --photos: the paper's Table 2 beside.", OUTPUT)
+
+
+@dataclass(frozen=True)
+class EvaluationRequest:
+    """Textures to be judged on rendered views, or on CARLA's frames."""
+
+    out: Annotated[Path, OUT]
+    scenes: Annotated[tuple[Path, ...], Flag("Scene file; repeatable.", name="scene")] = ()
+    textures: Annotated[
+        tuple[str, ...],
+        Flag(
+            "[NAME=]PATH: UV picture, a run's folder, .npy colours of faces, or PATH@1.5m, a "
+            "pattern that repeats every 1.5 m; repeatable.",
+            name="texture",
+        ),
+    ] = ()
+    detectors: Annotated[tuple[str, ...], DETECTORS] = ("builtin",)
+    views: Annotated[int, Flag("Views of each scene.", COST)] = 96
+    grid: Annotated[
+        str | None, Flag("paper: a sample of its 8192 views; by default the scene's ranges.", WHAT)
+    ] = None
+    """A preset of :mod:`cnca.scene.paper_grid`."""
+    carla: Annotated[
+        Path | None, Flag("Folder of CARLA frames to draw the textures into.", WHAT)
+    ] = None
+    """They are drawn onto the vehicle in all of them."""
+    fov: Annotated[float, Flag("Horizontal field of view of these frames.")] = 90.0
+    """In degrees."""
+    prompt: Annotated[
+        str | None, Flag("Adds its texture with F_adv = 0 to the controls.", WHAT)
+    ] = None
+    generator: Annotated[
+        Path | None, Flag("Folder in diffusers format; by default the shipped one.")
+    ] = None
+    controls: tuple[str, ...] = CONTROLS
+    """Which of :data:`cnca.judge.rows.CONTROLS` stand beside the normal paint."""
+    backend: str = "mitsuba"
+    samples: Annotated[
+        int | None, Flag("Rays per pixel instead of the scene's.", COST, name="spp")
+    ] = None
+    seed: Annotated[int, SEED] = 0
+
+    def __post_init__(self) -> None:
+        """Raises RunError for what cannot be evaluated, SceneError for an unknown grid."""
+        if not self.scenes:
+            raise RunError("no --scene: give a scene file, or --photos with --labels")
+        if self.views < 2:
+            raise RunError(f"--views {self.views}: an interval needs at least two views")
+        if self.grid is not None:
+            from cnca.scene.paper_grid import find_grid  # loads numpy
+
+            find_grid(self.grid)
+        if self.carla is not None and (self.grid is not None or len(self.scenes) != 1):
+            raise RunError("--carla: frames have their own views; give one --scene and no --grid")
+        if self.samples is not None and self.samples < 1:
+            raise RunError(f"--spp {self.samples}: a picture needs at least one ray per pixel")
+
+
+@dataclass(frozen=True)
+class PhotoRequest:
+    """Labelled photographs on which detectors are judged."""
+
+    photos: Annotated[Path, Flag("Folder of photographs, one row for each folder in it.", WHAT)]
+    labels: Annotated[Path, Flag("Their COCO .json, or VOC .xml or a folder of these.", WHAT)]
+    out: Annotated[Path, OUT]
+    detectors: Annotated[tuple[str, ...], DETECTORS] = ("builtin",)
+    seed: Annotated[int, SEED] = 0
+    paper_figures: Annotated[bool, PAPER_FIGURES] = False

@@ -1,0 +1,10 @@
+"""Names of the rows of an evaluation; nothing here needs torch."""
+
+from __future__ import annotations
+
+NORMAL = "normal"
+"""The vehicle's own paint."""
+CONTROLS = ("uniform", "random", "prompt", "shuffled")
+"""What camouflages must prove themselves against; see :mod:`cnca.judge.candidates`."""
+RESERVED = (NORMAL, "uniform", "random", "prompt", "photograph", "total")
+"""Names that no camouflage may have."""
