@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ from cnca.effects.plan import Demand
 from cnca.effects.prices import SHIPPED as SHIPPED_PRICES
 from cnca.effects.protocols import PlanningRenderer
 from cnca.scene import shipped
-from cnca.scene.cameras import View, orbit_view
+from cnca.scene.cameras import Spot, View, orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
 from cnca.scene.named_files import named_files
 from cnca.scene.paint import Paint
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
 BACKENDS = ("mitsuba", "raster", "cached")
 CACHE_FACTOR = 4
 """Rays per pixel of kept shading relative to those of a picture: its noise stays for ever."""
+WORLDS_KEPT = 4
+"""Worlds whose arrays stay in memory."""
 SEAM_PADDING = 2
 """Texels of paint around every chart, for the filters."""
 SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
@@ -77,12 +80,23 @@ def build_vehicle(scene: Scene) -> Vehicle:
     )
 
 
-def build_world(scene: Scene) -> World | None:
-    """What stands around the scene's vehicle, moved so that it stands in the origin."""
-    if scene.world is None:
+def build_worlds(scene: Scene) -> Callable[[Spot], World] | None:
+    """What stands around the scene's vehicle at each spot, moved so that it is in the origin."""
+    section = scene.world
+    if section is None:
         return None
-    world = resolve_world(scene.world, scene.base)
-    return world.around(world.places[0])
+
+    @lru_cache(maxsize=WORLDS_KEPT)
+    def of_seed(seed: int) -> World:
+        return resolve_world(section, scene.base, seed=seed)
+
+    def around(spot: Spot) -> World:
+        world = of_seed(spot.seed)
+        if spot.place is None:
+            return world.around(world.places[0])
+        return world.around(world.places[1:][int(spot.place * (len(world.places) - 1))])
+
+    return around
 
 
 def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
@@ -144,7 +158,7 @@ def build_path_tracer(
         samples=samples or scene.image.samples,
         exposure=scene.image.exposure,
         demand=demand,
-        world=build_world(scene),
+        worlds=build_worlds(scene),
     )
 
 

@@ -11,11 +11,13 @@ from cnca.effects.estimate import GradientEffect, SamplesEffect
 from cnca.effects.fog import FogEffect
 from cnca.effects.subject import Contents
 from cnca.effects.surfaces import GlassEffect, InterreflectionEffect, MaterialsEffect
+from cnca.effects.world import SurroundingsEffect
 
 _ALL: tuple[Effect, ...] = (
     FogEffect(),
     SunEffect(),
     SkyEffect(),
+    SurroundingsEffect(),
     InterreflectionEffect(),
     MaterialsEffect(),
     GlassEffect(),

@@ -33,6 +33,10 @@ class Background:
     image: Float[torch.Tensor, "3 height width"]
     pixels: Int[np.ndarray, " pixels"]
     """Flat indices of the pixels that the vehicle touches."""
+    rest: Float[torch.Tensor, "pixels 3"] | None = None
+    """In a world: what all but the vehicle adds to these pixels."""
+    shares: Float[np.ndarray, " pixels"] | None = None
+    """In a world: of what the vehicle covers of each pixel, the share that nothing hides."""
 
 
 class KeptBackgrounds:
@@ -55,10 +59,32 @@ class KeptBackgrounds:
         kept = [self.background(view, weather) for view in views]
         height, width = kept[0].image.shape[1:]
         pixels = np.concatenate([k * height * width + b.pixels for k, b in enumerate(kept)])
-        vehicle = self.renderer.render_pixels(albedo, views, weather, pixels, seed=seed)
+        vehicle = self._vehicle(albedo, views, weather, kept, pixels, seed=seed)
         background = torch.stack([b.image for b in kept]).permute(0, 2, 3, 1).reshape(-1, 3)
         images = background.index_copy(0, torch.from_numpy(pixels), vehicle)
         return images.reshape(len(views), height, width, 3).permute(0, 3, 1, 2)
+
+    def _vehicle(
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        kept: Sequence[Background],
+        pixels: Int[np.ndarray, " pixels"],
+        *,
+        seed: int,
+        samples: int | None = None,
+    ) -> Float[torch.Tensor, "pixels 3"]:
+        """The pixels that the vehicle touches, of all the views."""
+        if self.renderer.worlds is None:
+            return self.renderer.render_pixels(
+                albedo, views, weather, pixels, seed=seed, samples=samples
+            )
+        shares = np.concatenate([b.shares for b in kept if b.shares is not None])
+        rest = torch.cat([b.rest for b in kept if b.rest is not None])
+        return rest + self.renderer.render_vehicle(
+            albedo, views, weather, pixels, shares, seed=seed, samples=samples
+        )
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4), xyxy in pixels; see :class:`MitsubaRenderer`."""
@@ -81,10 +107,11 @@ class KeptBackgrounds:
         """X_ref, a batch of one: the vehicle in its plain paint by many rays, kept."""
         if (view, weather) not in self._references:
             kept = self.background(view, weather)
-            vehicle = self.renderer.render_pixels(
+            vehicle = self._vehicle(
                 self.plain,
                 [view],
                 weather,
+                [kept],
                 kept.pixels,
                 seed=BACKGROUND_SEED,
                 samples=REFERENCE_SAMPLES,
@@ -105,7 +132,14 @@ class KeptBackgrounds:
     def background(self, view: View, weather: Weather) -> Background:
         """What is kept; else it is rendered, alone: a resumed loop finds the same noise."""
         if (view, weather) not in self._kept:
-            image = self.renderer.render(self.plain, [view], weather, seed=BACKGROUND_SEED)[0]
-            pixels = np.flatnonzero(self.renderer.vehicle_mask([view])[0] > 0)
-            self._kept[view, weather] = Background(image, pixels)
+            self._kept[view, weather] = self._render_background(view, weather)
         return self._kept[view, weather]
+
+    def _render_background(self, view: View, weather: Weather) -> Background:
+        renderer, seed = self.renderer, BACKGROUND_SEED
+        image = renderer.render(self.plain, [view], weather, seed=seed)[0]
+        pixels = np.flatnonzero(renderer.vehicle_mask([view])[0] > 0)
+        if renderer.worlds is None:
+            return Background(image, pixels)
+        rest = renderer.render_rest(self.plain, [view], weather, pixels, seed=seed)
+        return Background(image, pixels, rest, renderer.visible_pixels(view, pixels))

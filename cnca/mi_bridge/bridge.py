@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR, Geometry
 from cnca.mi_bridge.integrator import Surroundings, trace
+from cnca.mi_bridge.panes import sees_vehicle
 from cnca.mi_bridge.rays import Cameras, average_samples
 from cnca.mi_bridge.variant import dr, mi
 
@@ -38,8 +40,15 @@ class Shot:
         seed: int,
         exposure: float,
         first: int = 0,
+        only: str | None = None,
+        shares: Float[np.ndarray, " pixels"] | None = None,
     ):
-        """``first`` says with which of a pixel's evenly spread samples this part of them begins."""
+        """
+        Args:
+            first: with which of a pixel's evenly spread samples this part of them begins.
+            only: "vehicle" leaves all else dark that cameras see, "rest" the vehicle.
+            shares: factors on the light of each pixel, such as what of it nothing hides.
+        """
         self.geometry = geometry
         self.surroundings = surroundings
         self.cameras = cameras
@@ -47,7 +56,9 @@ class Shot:
         self.bounces = bounces
         self.seed = seed
         self.first = first
+        self.only = only
         self.exposure = dr.opaque(mi.Float, exposure)  # another value needs no other kernel
+        self._shares = None if shares is None else mi.Float(np.float32(shares))
 
     def start(self, seed: int) -> tuple[mi.Sampler, mi.Ray3f, list[mi.Float]]:
         """A freshly seeded sampler, the camera rays and their first reflection's random numbers."""
@@ -57,30 +68,53 @@ class Shot:
         sampler.seed(part_seed, self.cameras.lanes(self.samples))
         return sampler, *self.cameras.rays(self.samples, opaque_seed, self.first)
 
+    def weights(self) -> mi.Float:
+        """Exposure of every lane, times what of its pixel is not hidden."""
+        if self._shares is None:
+            return self.exposure
+        lane = dr.arange(mi.UInt32, self.cameras.lanes(self.samples))
+        return self.exposure * dr.gather(mi.Float, self._shares, lane // self.samples)
+
+    def lanes(self, ray: mi.Ray3f) -> mi.Bool | None:
+        """Which camera rays are followed; None is all."""
+        if self.only is None:
+            return None
+        on_vehicle = sees_vehicle(self.geometry, ray)
+        return on_vehicle if self.only == "vehicle" else ~on_vehicle
+
     def primal(self, seed: int) -> mi.Color3f:
-        """Radiance of every lane."""
-        return trace(
+        """Exposed radiance of every lane."""
+        sampler, ray, first_reflection = self.start(seed)
+        radiance, _ = trace(
             self.geometry.scene,
             self.surroundings,
-            *self.start(seed),
+            sampler,
+            ray,
+            first_reflection,
             bounces=self.bounces,
-        )[0]
+            lanes=self.lanes(ray),
+        )
+        return radiance * self.weights()
 
     def adjoint(self, seed: int, albedo: mi.TensorXf, image_gradient: mi.TensorXf) -> mi.TensorXf:
         """The bound texture's gradient for the given gradient of the exposed image."""
         unit = self.geometry.bind(albedo, differentiable=True)
         dr.forward_from(unit, flags=dr.ADFlag.ClearEdges)
         with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
+            sampler, ray, first_reflection = self.start(seed)
             L, reflections = trace(
                 self.geometry.scene,
                 self.surroundings,
-                *self.start(seed),
+                sampler,
+                ray,
+                first_reflection,
                 bounces=self.bounces,
                 differentiable=True,
+                lanes=self.lanes(ray),
             )
             pixel = dr.arange(mi.UInt32, self.cameras.lanes(self.samples)) // self.samples
             δL = dr.gather(mi.Color3f, image_gradient.array, pixel)
-            δL *= self.exposure / self.samples
+            δL *= self.weights() / self.samples
         bound = self.geometry.bind(albedo, differentiable=True)
         total = mi.Color3f(0)
         for kept in reflections:
@@ -105,7 +139,7 @@ class _Render(dr.CustomOp):
                 radiance = shot.primal(shot.seed)
                 dr.eval(radiance)  # once, not once for each colour that is averaged below
                 pixels = [average_samples(channel, shot.samples) for channel in radiance]
-                image += dr.ravel(mi.Color3f(*pixels) * shot.exposure) * share
+                image += dr.ravel(mi.Color3f(*pixels)) * share
                 dr.eval(image)
         return mi.TensorXf(image, shape=(*first.cameras.film_shape, 3))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,6 @@ class Geometry:
         props: tuple[Part, ...] = (),
         materials: str = "coat",
         glass: str = "pane",
-        world: World | None = None,
     ):
         """
         Args:
@@ -48,7 +48,6 @@ class Geometry:
             props: other things that stand around; painted ones wear the vehicle's texture.
             materials: model of :class:`cnca.effects.surfaces.MaterialsEffect` for every part.
             glass: likewise; "pane" makes thin panes of what lets light through.
-            world: what stands around the vehicle's middle; by default flat, endless ground.
 
         Raises:
             TextureError: no part of the vehicle is painted, or a painted part has no UVs.
@@ -65,8 +64,8 @@ class Geometry:
             for name in sorted({part.material for part in parts})
         }
         panes = [name for name in bsdfs if vehicle.material(name).transmission > 0]
-        self.has_panes = glass == "pane" and bool(panes)
-        if self.has_panes:
+        self._panes = glass == "pane" and bool(panes)
+        if self._panes:
             bsdfs |= {name: _pane(vehicle.material(name)) for name in panes}
         self._origin = _middle(vehicle)
         meshes = [
@@ -80,20 +79,38 @@ class Geometry:
             )
             for part in parts
         ]
-        shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
-        if world is None or world.ground:
-            shapes["ground"] = _ground(ground_albedo)
-        around = {} if world is None else world_shapes(world)
-        holed = [] if world is None else [around[n] for n in holed_surfaces(world)]
-        self.has_holes = bool(holed)
-        self.has_panes |= self.has_holes
-        self.scene = mi.load_dict({"type": "scene", **shapes, **around})
-        self.alone = mi.load_dict({"type": "scene", **shapes}) if around else self.scene
-        vehicle_shapes, props_shapes = meshes[: len(vehicle.parts)], meshes[len(vehicle.parts) :]
-        self._kinds = _kinds({VEHICLE: vehicle_shapes, PROP: props_shapes, HOLED: holed})
+        self._shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
+        self._own = {VEHICLE: meshes[: len(vehicle.parts)], PROP: meshes[len(vehicle.parts) :]}
+        self._ground = _ground(ground_albedo)
+        self._surround([self._ground])
         self._bitmap, self._texture = texture, mi.traverse(texture)
-        self._vehicle_shapes = meshes[: len(vehicle.parts)]
         self._paint = bsdfs["paint"]
+
+    def _surround(self, shapes: Sequence[mi.Shape], holed: Sequence[mi.Shape] = ()) -> None:
+        around = {f"around_{i}": shape for i, shape in enumerate((*shapes, *holed))}
+        self.scene = mi.load_dict({"type": "scene", **self._shapes, **around})
+        self.has_holes = bool(holed)
+        self.has_panes = self._panes or self.has_holes
+        self._kinds = _kinds({**self._own, HOLED: holed})
+
+    def among(self, shapes: Sequence[mi.Shape], holed: Sequence[mi.Shape] = ()) -> Geometry:
+        """The same vehicle and texture among other shapes than the ground."""
+        other = copy(self)
+        other._surround(shapes, holed)
+        return other
+
+    def within(self, world: World) -> tuple[Geometry, Geometry]:
+        """The vehicle in a world whose places are seen from its middle; and the world without it.
+
+        The world's many BSDFs live as long as these: kernels made meanwhile hold the code of all.
+        """
+        shapes = world_shapes(world)
+        holed = [shapes.pop(name) for name in holed_surfaces(world)]
+        solid = [*shapes.values(), *([self._ground] if world.ground else [])]
+        bare = copy(self)
+        bare._shapes, bare._own, bare._panes = {}, {}, False
+        bare._surround(solid, holed)
+        return self.among(solid, holed), bare
 
     def local(self, view: View) -> View:
         """The view in this scene's axes, which start in the vehicle's middle on the ground."""
@@ -104,7 +121,7 @@ class Geometry:
     @property
     def vehicle_bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
         """Lowest and highest corner of the vehicle's box in metres."""
-        boxes = [shape.bbox() for shape in self._vehicle_shapes]
+        boxes = [shape.bbox() for shape in self._own[VEHICLE]]
         low = np.min([np.array(box.min) for box in boxes], axis=0)
         return low, np.max([np.array(box.max) for box in boxes], axis=0)
 

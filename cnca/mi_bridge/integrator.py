@@ -19,8 +19,10 @@ import numpy as np
 
 from cnca.mi_bridge.fog import FogField
 from cnca.mi_bridge.forward import ForwardShare
+from cnca.mi_bridge.latlong import direction_uv, wrap_columns
 from cnca.mi_bridge.light import SUN_HALF_ANGLE, Light
 from cnca.mi_bridge.panes import MOST_PANES, pane_transmittance
+from cnca.mi_bridge.probe import Probe
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.weather import Fog
 
@@ -34,20 +36,6 @@ def _opaque_vector(values: np.ndarray) -> mi.Vector3f:
 
 def _opaque_float(value: float) -> mi.Float:
     return dr.opaque(mi.Float, value)
-
-
-def _direction_uv(d: mi.Vector3f, columns: int) -> mi.Point2f:
-    """Position in a latitude–longitude map that has one wrapped column on either side."""
-    phi = dr.atan2(d.y, d.x)
-    phi = dr.select(phi < 0, phi + dr.two_pi, phi)
-    u = (phi * (columns / (2 * np.pi)) + 1) / (columns + 2)
-    return mi.Point2f(u, dr.safe_acos(d.z) * dr.inv_pi)
-
-
-def _wrap_columns(grid: np.ndarray) -> mi.TensorXf:
-    """Repeat the first and last column so that linear filtering is right across φ = 0."""
-    wrapped = np.concatenate([grid[..., -1:, :], grid, grid[..., :1, :]], axis=-2)
-    return mi.TensorXf(np.ascontiguousarray(wrapped, dtype=np.float32))
 
 
 class Sky:
@@ -65,13 +53,13 @@ class Sky:
         self._columns = light.sky.shape[1]
         self._ground = _opaque_vector(light.sky[-1, 0])
         if has_map:
-            self._map = mi.Texture2f(_wrap_columns(light.sky), wrap_mode=dr.WrapMode.Clamp)
+            self._map = mi.Texture2f(wrap_columns(light.sky), wrap_mode=dr.WrapMode.Clamp)
 
     def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """Radiance that arrives from direction ``d``, without the sun's disc."""
         if not self.has_map:
             return dr.select(d.z < 0, mi.Color3f(self._ground), 0)
-        return mi.Color3f(self._map.eval(_direction_uv(d, self._columns), active))
+        return mi.Color3f(self._map.eval(direction_uv(d, self._columns), active))
 
     def to_sun(self, sampler: mi.Sampler, active: mi.Bool) -> mi.Vector3f:
         """Direction to the sun's centre, or to a random point of its disc."""
@@ -109,7 +97,7 @@ class FogLayer:
         table = field.source
         if forward is not None:
             table = np.concatenate([field.source, field.radiance], axis=-1)
-        self._table = mi.Texture3f(_wrap_columns(table), wrap_mode=dr.WrapMode.Clamp)
+        self._table = mi.Texture3f(wrap_columns(table), wrap_mode=dr.WrapMode.Clamp)
 
     def sun_transmittance(self, z: mi.Float) -> mi.Float:
         """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
@@ -164,7 +152,7 @@ class FogLayer:
         """J and I at height ``z`` seen along ``d`` (I is 0 where no forward share asks for it)."""
         if self._airlight is not None:
             return mi.Color3f(self._airlight), mi.Color3f(0)
-        uv = _direction_uv(d, self._columns)
+        uv = direction_uv(d, self._columns)
         # The inverse of fog.level_heights.
         t = dr.atanh((2 * z / self.height - 1) * self.tanh_stretch) / self.stretch
         level = (1 + t) / 2
@@ -187,7 +175,13 @@ class Surroundings:
     sky: Sky
     fog: FogLayer | None
     panes: bool = False
-    """Whether some of the geometry is thin glass that paths and sunlight pass."""
+    """Whether some of the geometry is thin glass, or has holes, that paths and sunlight pass."""
+    probe: Probe | None = None
+    """The world's light, where its geometry is not traced."""
+
+    def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
+        """What arrives from direction ``d`` along a ray that meets no geometry."""
+        return (self.probe or self.sky).radiance(d, active)
 
 
 SLOPES = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
@@ -231,6 +225,7 @@ def trace(
     first_reflection: list[mi.Float],
     bounces: int,
     differentiable: bool = False,
+    lanes: mi.Bool | None = None,
 ) -> tuple[mi.Color3f, list[Reflection]]:
     """Follow one path per ray and return its radiance (linear RGB) and its reflections.
 
@@ -238,8 +233,9 @@ def trace(
         first_reflection: three random numbers per ray that choose its first reflection.
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
         differentiable: whether to keep the reflections; the texture has 1 as its derivative then.
+        lanes: paths to follow, the others stay dark; by default all.
     """
-    sky, fog = surroundings.sky, surroundings.fog
+    sky, fog, probe = surroundings.sky, surroundings.fog, surroundings.probe
     context = mi.BSDFContext()
     longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
 
@@ -249,7 +245,7 @@ def trace(
     L = mi.Color3f(0)  # gathered
     β = mi.Color3f(1)  # throughput
     reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
-    active = mi.Bool(True)  # lanes that still walk
+    active = mi.Bool(True) if lanes is None else mi.Bool(lanes)  # lanes that still walk
 
     while dr.hint(active, max_iterations=longest, label="path"):
         si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=depth == 0, active=active)
@@ -260,9 +256,11 @@ def trace(
         Le = mi.Color3f(0)
         if dr.hint(fog is not None, mode="scalar"):
             T, airlight = fog.segment(ray, si, sampler.next_1d(active), active)  # type: ignore[union-attr]
+            if dr.hint(probe is not None, mode="scalar"):  # which has the fog in it
+                T, airlight = dr.select(escapes, 1, T), dr.select(escapes, 0, airlight)
             Le += β * airlight
             β *= T
-        Le += dr.select(escapes, β * sky.radiance(ray.d, escapes), 0)
+        Le += dr.select(escapes, β * surroundings.radiance(ray.d, escapes), 0)
 
         # ---------------- light of the sun at the surface ----------------
         active_next = hit & (depth < bounces)
@@ -279,6 +277,8 @@ def trace(
                 sunlit = active_next & ~scene.ray_test(shadow_ray, active=active_next)
             if dr.hint(fog is not None, mode="scalar"):
                 E_sun *= fog.sun_transmittance(si.p.z)  # type: ignore[union-attr]
+            if dr.hint(probe is not None, mode="scalar"):
+                E_sun *= probe.sun_share(si.p, sunlit)  # type: ignore[union-attr]
             with dr.resume_grad(when=differentiable):
                 f_sun = bsdf.eval(context, si, si.to_local(to_sun), sunlit)
                 Lr_sun = dr.select(sunlit, β * f_sun * E_sun, 0)

@@ -11,46 +11,24 @@ from jaxtyping import Float
 from cnca.core.errors import SceneError
 from cnca.core.types import Boxes
 from cnca.mi_bridge.geometry import Geometry
+from cnca.mi_bridge.panes import sees_vehicle
 from cnca.mi_bridge.rays import Cameras, average_samples
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.layers import Layers
 
 MASK_SAMPLES = 8
-MOST_HOLES = 32
-"""Leaves that a look may pass."""
 INSIDE_SHARE = 0.95
 """A camera that sees the vehicle in more than this share of the sky is inside of it."""
 
 
 def vehicle_mask(
-    geometry: Geometry, cameras: Cameras, *, alone: bool = False
-) -> Float[np.ndarray, "views height width"]:
-    """Share of each pixel that the vehicle covers, in [0, 1]; ``alone`` as if no world hid it."""
-    ray, _ = cameras.rays(MASK_SAMPLES)
-    si = (geometry.alone if alone else geometry.scene).ray_intersect(ray)
-    if geometry.has_holes and not alone:
-        si = _behind_holes(geometry, ray, si)
-    covered = dr.select(geometry.is_vehicle(si), mi.Float(1), 0)
-    shape = (cameras.count, cameras.height, cameras.width)
-    return _picture(shape, average_samples(covered, MASK_SAMPLES))[..., 0]
-
-
-@dr.syntax
-def _behind_holes(
-    geometry: Geometry, ray: mi.Ray3f, si: mi.SurfaceInteraction3f
-) -> mi.SurfaceInteraction3f:
-    """The first surface that is no hole of a leaf, which an opacity below one half is."""
-    active = geometry.is_holed(si)
-    passed = mi.UInt32(0)
-    while dr.hint(active, label="holes"):
-        hole = active & (si.bsdf().eval_null_transmission(si, active).x > 0.5)
-        ray = si.spawn_ray(ray.d)
-        si_next = geometry.scene.ray_intersect(ray, hole)
-        si = dr.select(hole, si_next, si)
-        passed += 1
-        active = hole & geometry.is_holed(si) & (passed < MOST_HOLES)
-    return si
+    geometry: Geometry, cameras: Cameras, samples: int = MASK_SAMPLES
+) -> Float[np.ndarray, "*film"]:
+    """Share of each pixel that the vehicle covers, in [0, 1]."""
+    ray, _ = cameras.rays(samples)
+    covered = dr.select(sees_vehicle(geometry, ray), mi.Float(1), 0)
+    return np.array(average_samples(covered, samples)).reshape(cameras.film_shape)
 
 
 def first_hits(geometry: Geometry, cameras: Cameras) -> Layers:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -16,17 +16,17 @@ from cnca.effects.catalog import amounts
 from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan, plan
 from cnca.effects.subject import Contents, Subject
+from cnca.effects.world import GEOMETRY
+from cnca.mi_bridge.atmosphere import Atmosphere, make_atmosphere
 from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.finite import refuse_non_finite
-from cnca.mi_bridge.fog import FogField, solve_fog
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.geometry import Geometry
-from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
 from cnca.mi_bridge.layers import first_hits, mask_boxes, refuse_inside, vehicle_mask
-from cnca.mi_bridge.light import lambertian_white, make_light
 from cnca.mi_bridge.memory import refuse_too_many, samples_at_once
 from cnca.mi_bridge.rays import Cameras
-from cnca.scene.cameras import View
+from cnca.mi_bridge.worlds import Worlds, one_spot
+from cnca.scene.cameras import Spot, View
 from cnca.scene.layers import Layers
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Part, Vehicle
@@ -35,17 +35,26 @@ from cnca.world.model import World
 WEATHERS_KEPT = 64
 """Weathers whose sky and fog stay in memory (about 3 MB each)."""
 
-DARKEST = 1e-9
-"""White in fog as a share of white above it, starlight to daylight: darker, pictures stay black."""
-
 ROUNDING = 1e-4
 """By how much an albedo may leave [0, 1]; less than the floor that keeps it positive."""
 
 
+VISIBLE_SAMPLES = 64
+"""Looks at each pixel for what hides the vehicle there."""
+
+
 @dataclass(frozen=True)
-class _Atmosphere:
-    surroundings: Surroundings
-    exposure: float
+class _Part:
+    """Which part of a picture is rendered."""
+
+    only: str | None = None
+    """As :class:`cnca.mi_bridge.bridge.Shot` takes it."""
+    rung: str = GEOMETRY
+    """How much of a world takes part, unless a demand says."""
+    shares: Float[np.ndarray, " pixels"] | None = None
+
+
+WHOLE = _Part()
 
 
 class MitsubaRenderer:
@@ -62,7 +71,7 @@ class MitsubaRenderer:
         exposure: float = 1.0,
         props: tuple[Part, ...] = (),
         demand: Demand | None = None,
-        world: World | None = None,
+        worlds: Callable[[Spot], World] | None = None,
     ):
         """
         Args:
@@ -74,7 +83,7 @@ class MitsubaRenderer:
             props: other things that stand around; painted ones wear the vehicle's texture.
             demand: which effects to render how, unless a picture asks for something else; by
                 default the usual ones.
-            world: what stands around the vehicle, which faces +x in its origin.
+            worlds: what stands around the vehicle, which faces +x in its origin, at each spot.
         """
         self.vehicle = vehicle
         self.ground_albedo = np.asarray(ground_albedo, dtype=np.float64)
@@ -82,13 +91,13 @@ class MitsubaRenderer:
         self._usual: dict[str, Model] = {"samples": samples, "interreflection": bounces}
         self.exposure = exposure
         everything = replace(vehicle, parts=(*vehicle.parts, *props))
-        self._amounts = amounts(Contents(everything, world))
+        self._amounts = amounts(Contents(everything, worlds(Spot()) if worlds else None))
 
         self._forward_share = lru_cache(ForwardShare)
         self._atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
         self.texture_size = texture_size
         texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
-        self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props, world=world)
+        self._build = partial(Geometry, vehicle, self.ground_albedo, texels, props)
         # What is most likely asked for, since kernels go on holding code of what was built before.
         best: dict[str, Model] = {
             "materials": "coat" if self._amounts["materials"] else "principled",
@@ -97,6 +106,8 @@ class MitsubaRenderer:
         }
         self._worn = (str(best["materials"]), str(best["glass"]))
         self.geometry = self._build(*self._worn)
+        self._make_world = worlds
+        self.worlds = Worlds(worlds, self.geometry) if worlds else None
 
     def render(
         self,
@@ -138,6 +149,39 @@ class MitsubaRenderer:
         chosen = self.plan(albedo, views, weather, samples=samples)
         return self._expose(albedo, views, chosen, pixels, seed)
 
+    def render_vehicle(
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        pixels: Int[np.ndarray, " pixels"],
+        shares: Float[np.ndarray, " pixels"],
+        *,
+        seed: int,
+        samples: int | None = None,
+    ) -> Float[torch.Tensor, "pixels 3"]:
+        """What the vehicle alone adds to these pixels of pictures in a world.
+
+        Args:
+            shares: of what the vehicle covers of each pixel, the share that nothing hides.
+        """
+        chosen = self.plan(albedo, views, weather, samples=samples)
+        part = _Part("vehicle", "probe", shares)
+        return self._expose(albedo, views, chosen, pixels, seed, part)
+
+    def render_rest(
+        self,
+        albedo: LinearTexture,
+        views: Sequence[View],
+        weather: Weather,
+        pixels: Int[np.ndarray, " pixels"],
+        *,
+        seed: int,
+    ) -> Float[torch.Tensor, "pixels 3"]:
+        """What all but the vehicle adds to these pixels."""
+        chosen = self.plan(albedo, views, weather)
+        return self._expose(albedo, views, chosen, pixels, seed, _Part("rest", GEOMETRY))
+
     def _expose(
         self,
         albedo: LinearTexture,
@@ -145,10 +189,11 @@ class MitsubaRenderer:
         chosen: EffectPlan,
         pixels: Int[np.ndarray, " pixels"] | None,
         seed: int,
+        part: _Part = WHOLE,
     ) -> Float[torch.Tensor, "*film 3"]:
         if chosen["gradient"] == "off":
             albedo = albedo.detach()
-        shots = self.shots(chosen, views, pixels, seed=seed)
+        shots = self.shots(chosen, views, pixels, seed=seed, part=part)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
         images = render(texture, shots)
@@ -163,34 +208,45 @@ class MitsubaRenderer:
         *,
         seed: int,
         most_rays: int | None = None,
+        part: _Part = WHOLE,
     ) -> list[Shot]:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
         self._wear(str(chosen["materials"]), str(chosen["glass"]))
         cameras = self._cameras(views, pixels)
         atmosphere = self._atmosphere(chosen.weather, str(chosen["sun"]), str(chosen["fog"]))
-        part = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
-        refuse_too_many(cameras.lanes(part))
+        geometry, around, white = self.geometry, atmosphere.surroundings, atmosphere.white
+        if self.worlds is not None:
+            rung = str(chosen.demand.forced.get("surroundings", part.rung))
+            geometry, around, white = self.worlds.light(one_spot(views), atmosphere, rung)
+        at_once = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
+        refuse_too_many(cameras.lanes(at_once))
         return [
             Shot(
-                self.geometry,
-                atmosphere.surroundings,
+                geometry,
+                around,
                 cameras,
-                samples=min(part, chosen.samples - first),
+                samples=min(at_once, chosen.samples - first),
                 bounces=chosen.bounces,
                 seed=seed,
-                exposure=atmosphere.exposure * self.exposure,
+                exposure=self.exposure / white,
                 first=first,
+                only=part.only,
+                shares=part.shares,
             )
-            for first in range(0, chosen.samples, part)
+            for first in range(0, chosen.samples, at_once)
         ]
 
     def layers(self, views: Sequence[View]) -> Layers:
         """What each view's camera hits first; independent of texture and weather."""
-        return first_hits(self.geometry, self._cameras(views))
+        return first_hits(self._traced(views), self._cameras(views))
+
+    def _traced(self, views: Sequence[View]) -> Geometry:
+        """The vehicle with all that stands around it in these views."""
+        return self.worlds.traced(one_spot(views)) if self.worlds else self.geometry
 
     def vehicle_mask(self, views: Sequence[View]) -> Float[np.ndarray, "views height width"]:
         """Share of each pixel that the vehicle covers, in [0, 1]."""
-        return vehicle_mask(self.geometry, self._cameras(views))
+        return vehicle_mask(self._traced(views), self._cameras(views))
 
     def visible_shares(self, views: Sequence[View]) -> list[float]:
         """Share of the vehicle in each picture that nothing of the world hides, in [0, 1].
@@ -198,9 +254,18 @@ class MitsubaRenderer:
         0 where the vehicle is not in the picture at all.
         """
         cameras = self._cameras(views)
-        seen = vehicle_mask(self.geometry, cameras).sum(axis=(1, 2))
-        whole = vehicle_mask(self.geometry, cameras, alone=True).sum(axis=(1, 2))
+        seen = vehicle_mask(self._traced(views), cameras).sum(axis=(1, 2))
+        whole = vehicle_mask(self.geometry, cameras).sum(axis=(1, 2))
         return (seen / np.maximum(whole, 1e-9)).clip(0, 1).tolist()
+
+    def visible_pixels(
+        self, view: View, pixels: Int[np.ndarray, " pixels"]
+    ) -> Float[np.ndarray, " pixels"]:
+        """Of what the vehicle covers of each pixel, the share that nothing hides."""
+        cameras = self._cameras([view], pixels)
+        seen = vehicle_mask(self._traced([view]), cameras, VISIBLE_SAMPLES)
+        whole = vehicle_mask(self.geometry, cameras, VISIBLE_SAMPLES)
+        return np.where(whole > 0, seen / np.maximum(whole, 1e-9), 0.0).clip(0, 1)
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4) of all pixels that the vehicle touches, xyxy.
@@ -254,24 +319,19 @@ class MitsubaRenderer:
             self._atmosphere.cache_clear()
             self._forward_share.cache_clear()
             self._worn, self.geometry = (materials, glass), self._build(materials, glass)
+            if self._make_world is not None:
+                self.worlds = Worlds(self._make_world, self.geometry)
 
-    def _make_atmosphere(self, weather: Weather, sun: str, fog_model: str) -> _Atmosphere:
-        light = make_light(weather, self.ground_albedo)
-        above = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
-        # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
-        light = light.scaled(1 / above if above > 0 else 1.0)
-        sky = Sky(light, has_map=weather.sky_scale > 0, sun_disc=sun == "disc")
-        panes = self.geometry.has_panes
-        fog = weather.fog
-        if fog is None or fog.height == 0:
-            return _Atmosphere(Surroundings(sky, None, panes), exposure=1.0)
-        field = solve_fog(fog, light, self.ground_albedo, fog_model)
-        white = lambertian_white(*_at_height(field, 1.0), light.sun_direction)
-        forward = None
-        if fog_model == "field" and self.vehicle.parts:
-            forward = self._forward_share(self.geometry, fog.asymmetry)
-        layer = FogLayer(fog, field, sky, forward)
-        return _Atmosphere(Surroundings(sky, layer, panes), exposure=1 / max(white, DARKEST))
+    def _make_atmosphere(self, weather: Weather, sun: str, fog: str) -> Atmosphere:
+        forward = partial(self._forward_share, self.geometry) if self.vehicle.parts else None
+        return make_atmosphere(
+            weather,
+            self.ground_albedo,
+            sun=sun,
+            fog=fog,
+            panes=self.geometry.has_panes,
+            forward=forward,
+        )
 
 
 def _pixels_per_metre(view: View) -> float:
@@ -287,14 +347,6 @@ def _path_in_layer(view: View, weather: Weather) -> float:
     height = view.origin[2]
     inside = min(weather.fog.height / height, 1.0) if height > 0 else 1.0
     return float(np.linalg.norm(view.origin)) * inside
-
-
-def _at_height(
-    field: FogField, height: float
-) -> tuple[Float[np.ndarray, "rows columns 3"], Float[np.ndarray, "3"]]:
-    """Diffuse radiance and direct sun at a height in the layer."""
-    level = int(np.searchsorted(field.heights, height).clip(0, len(field.heights) - 1))
-    return field.radiance[level], field.sun[level]
 
 
 def refuse_bad_texture(albedo: torch.Tensor, size: int) -> None:

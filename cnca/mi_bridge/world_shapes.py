@@ -12,6 +12,9 @@ from cnca.core.color import srgb_to_linear
 from cnca.mi_bridge.variant import mi
 from cnca.world.model import Piece, Surface, World
 
+LINEAR = srgb_to_linear(torch.arange(256, dtype=torch.float64) / 255).numpy()
+"""8-bit sRGB → linear."""
+
 
 def world_shapes(world: World) -> dict[str, mi.Mesh]:
     """Name of a surface → its mesh, with its own BSDF."""
@@ -45,22 +48,23 @@ def surface_bsdf(surface: Surface) -> mi.BSDF:
     bsdf = {"type": "twosided", "bsdf": principled}
     if surface.opacity is not None:
         share = surface.opacity[..., None].astype(np.float32) / 255
-        bsdf = {"type": "mask", "opacity": _bitmap(share), "bsdf": bsdf}
+        bsdf = {"type": "mask", "opacity": linear_bitmap(share), "bsdf": bsdf}
     return mi.load_dict(bsdf)
 
 
 def _color(surface: Surface) -> dict:
     if surface.texture is None:
         return {"type": "rgb", "value": [float(c) for c in surface.base_color]}
-    # Made linear here, so that the factor is applied in linear light.
-    linear = srgb_to_linear(torch.from_numpy(surface.texture.astype(np.float32) / 255)).numpy()
-    return _bitmap(linear * np.array(surface.base_color))
+    # Made linear here, so that the factor is applied in linear light; 256 levels are a table.
+    linear = (LINEAR[:, None] * np.array(surface.base_color)).astype(np.float16)
+    channels = [linear[surface.texture[..., c], c] for c in range(3)]
+    return linear_bitmap(np.stack(channels, axis=-1))
 
 
-def _bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict:
+def linear_bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict:
     """A repeated picture of linear values; half precision is finer than the 8 bits of its file."""
-    values = np.ascontiguousarray(linear, dtype=np.float32)
-    return {"type": "bitmap", "data": mi.TensorXf(values), "raw": True, "format": "fp16"}
+    bitmap = mi.Bitmap(np.ascontiguousarray(linear, dtype=np.float16))
+    return {"type": "bitmap", "bitmap": bitmap, "raw": True, "format": "fp16"}
 
 
 def _merged(name: str, pieces: Sequence[Piece], bsdf: mi.BSDF) -> mi.Mesh:

@@ -9,6 +9,16 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
+class Spot:
+    """Which of a scene's worlds, and where in it the vehicle stands."""
+
+    seed: int = 0
+    """Added to the world's own seed: another form of a built-in world."""
+    place: float | None = None
+    """Which of the world's places, as a share in [0, 1) of their list; None is the scene's own."""
+
+
+@dataclass(frozen=True)
 class View:
     """A perspective camera."""
 
@@ -25,6 +35,8 @@ class View:
     """Pixels per row."""
     height: int
     """Rows."""
+    spot: Spot = Spot()
+    """Where in the scene's world the vehicle stands; without a world it makes no difference."""
 
 
 def orbit_view(
@@ -37,6 +49,7 @@ def orbit_view(
     height: int,
     target: Vector = (0.0, 0.0, 0.7),
     name: str | None = None,
+    spot: Spot | None = None,
 ) -> View:
     """A camera that circles ``target`` (angles in degrees, lengths in metres).
 
@@ -48,7 +61,8 @@ def orbit_view(
     # Looking straight down, "up" in the picture is the direction in which the vehicle drives.
     up = (0.0, 0.0, 1.0) if abs(elevation) < 89.9 else (1.0, 0.0, 0.0)
     label = name or f"azimuth{azimuth:g}_elevation{elevation:g}_distance{distance:g}"
-    return View(label, origin, target, up, fov, width, height)  # type: ignore[arg-type]
+    spot = spot or Spot()
+    return View(label, origin, target, up, fov, width, height, spot)  # type: ignore[arg-type]
 
 
 def orbit_of(view: View, target: Vector = (0.0, 0.0, 0.7)) -> tuple[float, float, float]:

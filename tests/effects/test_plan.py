@@ -77,6 +77,7 @@ def test_usual_models():
         "fog": "none",
         "sun": "direction",
         "sky": "map",
+        "surroundings": "none",
         "interreflection": 2,
         "materials": "coat",
         "glass": "dark",
@@ -117,7 +118,7 @@ def test_a_matt_vehicle_has_no_coat():
 
 
 def test_reference_takes_the_best_of_everything():
-    chosen = plan(holding(FOGGY, glass=0.1), Demand(reference=True))
+    chosen = plan(holding(FOGGY, glass=0.1, surroundings=1), Demand(reference=True))
     best = {effect: ladder[-1] for effect, ladder in LADDERS.items()}
     assert chosen.models == best | {"samples": 1024}
 

@@ -1,0 +1,70 @@
+"""Sky and fog of one weather, as the integrator takes them, and how bright they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cnca.mi_bridge.fog import FogField, solve_fog
+from cnca.mi_bridge.forward import ForwardShare
+from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
+from cnca.mi_bridge.light import lambertian_white, make_light
+from cnca.scene.weather import Weather
+
+DARKEST = 1e-9
+"""White in fog as a share of white above it, starlight to daylight: darker, pictures stay black."""
+
+
+@dataclass(frozen=True, eq=False)
+class Atmosphere:
+    """What lights a scene, the world in it left out."""
+
+    surroundings: Surroundings
+    white: float
+    """Radiance of white card at the vehicle, of which exposure is the inverse."""
+    sun: Float[np.ndarray, "3"]
+    """Irradiance of the direct sun at the vehicle."""
+
+
+def make_atmosphere(
+    weather: Weather,
+    ground_albedo: Float[np.ndarray, "3"],
+    *,
+    sun: str,
+    fog: str,
+    panes: bool,
+    forward: Callable[[float], ForwardShare] | None,
+) -> Atmosphere:
+    """Bake the light of a weather.
+
+    Args:
+        sun: "direction" or "disc".
+        fog: model of :func:`cnca.mi_bridge.fog.solve_fog`.
+        panes: whether some of the vehicle's geometry lets light pass.
+        forward: asymmetry of the droplets → share of scattered light that comes from the vehicle.
+    """
+    light = make_light(weather, ground_albedo)
+    above = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
+    # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
+    light = light.scaled(1 / above if above > 0 else 1.0)
+    sky = Sky(light, has_map=weather.sky_scale > 0, sun_disc=sun == "disc")
+    layer = weather.fog
+    if layer is None or layer.height == 0:
+        return Atmosphere(Surroundings(sky, None, panes), 1.0, light.sun_irradiance)
+    field = solve_fog(layer, light, ground_albedo, fog)
+    radiance, direct = _at_height(field, 1.0)
+    white = lambertian_white(radiance, direct, light.sun_direction)
+    share = forward(layer.asymmetry) if fog == "field" and forward else None
+    around = Surroundings(sky, FogLayer(layer, field, sky, share), panes)
+    return Atmosphere(around, max(white, DARKEST), direct)
+
+
+def _at_height(
+    field: FogField, height: float
+) -> tuple[Float[np.ndarray, "rows columns 3"], Float[np.ndarray, "3"]]:
+    """Diffuse radiance and direct sun at a height in the layer."""
+    level = int(np.searchsorted(field.heights, height).clip(0, len(field.heights) - 1))
+    return field.radiance[level], field.sun[level]
