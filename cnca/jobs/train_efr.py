@@ -21,8 +21,9 @@ from cnca import build
 from cnca.core import parallel
 from cnca.core.color import srgb_to_linear
 from cnca.core.errors import RunError
-from cnca.core.manifest import versions, write_json
+from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
 from cnca.core.types import PlainPictures, SrgbTexture
 from cnca.gen import textures
 from cnca.jobs.attack.run import HELD_OUT_SEED
@@ -137,7 +138,23 @@ def train_efr(
         raise RunError(f"{out}: weights are written as .safetensors; change the ending")
     if views < 1:
         raise RunError(f"--views {views}: give a number above 0")
-    loop = TrainingLoop(out.with_suffix(""), seed, resume, console)
+    folder = out.with_suffix("")
+    loop = TrainingLoop(folder, seed, resume, console)
+    asked: dict[str, object] = {
+        "scenes": [str(s) for s in scenes],
+        "carla": str(carla) if carla else None,
+        "seed": seed,
+    }
+    asked |= {
+        "backend": backend,
+        "samples": samples,
+        "views": views,
+        "epochs": epochs,
+        "seed": seed,
+    }
+    inputs = _inputs([*scenes, *([carla_scene] if carla else [])], carla)
+    claim = partial(RunFolder(folder, "train-efr").claim, resume=resume)
+    parallel.by_first(lambda: claim(asked, hashes(inputs)))
     if carla is not None:
         shots = _frames(carla, carla_scene, backend, samples, console)
         split = max(1, round(TEST_SHARE * len(shots)))
@@ -159,6 +176,12 @@ def train_efr(
         outcome.network.save(out)
         write_json(out.with_suffix(".json"), report)
     return report
+
+
+def _inputs(scenes: Sequence[Path], carla: Path | None) -> list[Path]:
+    """Every file that the pairs are made from."""
+    files = [file for scene in scenes for file in build.scene_files(load_scene(scene), scene)]
+    return [*files, *(sorted(carla.glob("*.npz")) if carla else [])]
 
 
 def _report(outcome: Outcome) -> dict[str, Any]:

@@ -32,6 +32,8 @@ RECENT = 50
 class TrainingLoop:
     """Trains tasks, each with a checkpoint of its name in ``folder``.
 
+    Whose folder it is, and from which files it was begun, the jobs say (``RunFolder``).
+
     Step i draws all its random numbers from generators seeded with (seed, i), torch's own one
     included, from which networks draw on their own account.
     """

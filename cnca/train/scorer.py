@@ -12,6 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from cnca.core.run_folder import RunFolder
 from cnca.core.types import SrgbImages
 from cnca.gen import textures
 from cnca.gen.scorer import SIDE, BagScorer, right_prompts, words
@@ -74,7 +75,8 @@ def train_scorer(
     Raises RunError where ``out`` holds a training and ``resume`` is not asked for.
     """
     loop = TrainingLoop(out, seed, resume)
-    out.mkdir(parents=True, exist_ok=True)
+    asked = {"seed": seed, "pictures": pictures, "steps": steps, "batch": batch}
+    RunFolder(out, "train-scorer").claim(asked, {}, resume=resume)
     torch.manual_seed(seed)
     task = ScorerTask(corpus.prepare(data, count=pictures, seed=seed), steps=steps, batch=batch)
     file = out / "scorer.safetensors"

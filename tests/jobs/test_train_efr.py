@@ -81,3 +81,16 @@ def test_what_cannot_be_trained_is_refused(call, tmp_path):
         call(carla=tmp_path)
     with pytest.raises(RunError, match="--views 0"):
         call(scenes=[call.scene], views=0)
+
+
+def test_resumes_only_what_was_begun_from_the_same_files(call, tmp_path):
+    first = call(scenes=[call.scene])
+    weights = (tmp_path / "efr.safetensors").read_bytes()
+    with pytest.raises(RunError, match="efr: already holds a training; add --resume"):
+        call(scenes=[call.scene])
+    again = call(scenes=[call.scene], resume=True)
+    assert again["per_epoch"] == first["per_epoch"]
+    assert (tmp_path / "efr.safetensors").read_bytes() == weights
+    call.scene.write_text(SCENE + "\nsky: {scale: 0.5}\n")
+    with pytest.raises(RunError, match="scene.yaml: has changed since"):
+        call(scenes=[call.scene], resume=True)

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.manifest import hashes
+from cnca.core.run_folder import RunFolder
 from cnca.detect import TRAINED
 from cnca.train.detector.renders import render_detector_data
 from cnca.train.detector.training import Settings, train_detector
@@ -26,6 +28,10 @@ def train_builtin(
         raise DetectorError(f"kind '{kind}': unknown; there is {', '.join(TRAINED)}{hint}")
     settings = Settings(epochs=epochs, seed=seed)
     TrainingLoop(out / kind, seed, resume)  # refuses before anything is rendered
+    asked = {"kind": kind, "pictures": pictures, "epochs": epochs, "seed": seed}
+    template = TRAINED[kind]
+    inputs = hashes([template if template.is_file() else template / "config.json"])
+    RunFolder(out / kind, "train-detector").claim(asked, inputs, resume=resume)
     folder = out / "pictures"
     render_detector_data(folder, pictures=pictures, seed=seed)
-    return train_detector(folder, out / kind, settings, template=TRAINED[kind], resume=resume)
+    return train_detector(folder, out / kind, settings, template=template, resume=resume)

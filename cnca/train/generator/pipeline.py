@@ -16,6 +16,7 @@ from torch import Tensor
 
 from cnca.core.files import replacing
 from cnca.core.progress import track
+from cnca.core.run_folder import RunFolder
 from cnca.gen import architecture
 from cnca.train.generator import corpus
 from cnca.train.generator.autoencoder import AutoencoderTask, signed
@@ -41,7 +42,9 @@ def train_generator(
     without, raises RunError where there are some.
     """
     loop = TrainingLoop(out, seed, resume)
-    out.mkdir(parents=True, exist_ok=True)
+    asked: dict[str, object] = {"seed": seed, "pictures": pictures, "batch": batch}
+    asked |= {"autoencoder_steps": autoencoder_steps, "denoiser_steps": list(denoiser_steps)}
+    RunFolder(out, "train-generator").claim(asked, {}, resume=resume)
     torch.manual_seed(seed)  # the parts' initial weights
     data = corpus.prepare(out, count=pictures, seed=seed)
     vae = cast(AutoencoderKL, loop.run(AutoencoderTask(data, steps=autoencoder_steps)).eval())
