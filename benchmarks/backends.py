@@ -35,7 +35,7 @@ from cnca.jobs.accuracy.fidelity import (
     squared_error,
     vehicle_pixels,
 )
-from cnca.jobs.attack.run import HELD_OUT_SEED
+from cnca.judge.held_out import HELD_OUT_SEED
 from cnca.judge.scores import detection_score
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer

@@ -15,7 +15,7 @@ import torch
 from stopwatch import Goal, in_turn, named_rows, parser, report
 
 from cnca import build
-from cnca.jobs.attack.run import HELD_OUT_SEED
+from cnca.judge.held_out import HELD_OUT_SEED
 from cnca.scene.protocols import Residual
 from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views

@@ -29,9 +29,9 @@ from cnca.attack.objectives import paper
 from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import read_json, write_json
 from cnca.core.types import SrgbTexture
-from cnca.jobs.attack.run import held_out_shots
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.evaluate import evaluate
+from cnca.judge.held_out import held_out_shots
 from cnca.judge.verdict import Measured, Seen, measure, word_for
 from cnca.scene import controls
 from cnca.scene.protocols import Residual

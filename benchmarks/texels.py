@@ -22,8 +22,8 @@ from cnca.attack.loop import Attack, Progress, Settings, optimize, start
 from cnca.attack.objectives import paper
 from cnca.core.images import write_texture_srgb
 from cnca.core.types import SrgbTexture
-from cnca.jobs.attack.run import held_out_shots
 from cnca.judge.evaluate import evaluate
+from cnca.judge.held_out import held_out_shots
 from cnca.scene import controls
 from cnca.scene.schema import load_scene
 

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from cnca.build import build_targets as build_targets
     from cnca.build import build_vehicle as build_vehicle
     from cnca.core.types import Candidates as Candidates
-    from cnca.jobs.attack.run import held_out_shots as held_out_shots
     from cnca.judge.evaluate import evaluate as evaluate
+    from cnca.judge.held_out import held_out_shots as held_out_shots
     from cnca.scene.schema import load_scene as load_scene
 
 PLACES = {
@@ -40,8 +40,8 @@ PLACES = {
     "build": "build_generator build_loop_renderer build_paint build_renderer build_targets "
     "build_vehicle",
     "core.types": "Candidates",
-    "jobs.attack.run": "held_out_shots",
     "judge.evaluate": "evaluate",
+    "judge.held_out": "held_out_shots",
     "scene.schema": "load_scene",
 }
 """Module of the package → what of it ``import cnca`` gives."""

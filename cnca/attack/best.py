@@ -15,6 +15,7 @@ from cnca.attack.targets import look, numbers
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import NonFiniteError
+from cnca.core.types import SrgbTexture
 from cnca.gen.latents import Latents
 from cnca.scene.variation import draw_views, draw_weathers
 
@@ -64,8 +65,13 @@ class Validation:
     @torch.no_grad()
     def look(self, latents: Latents) -> dict[str, Any]:
         """What the targets see of these latents; keys as in :func:`cnca.attack.targets.numbers`."""
-        attack, settings = self.attack, self.settings
-        texture = attack.texture(self.text_feature, latents, settings.seed, together=True)
+        seed = self.settings.seed
+        return self.look_at(self.attack.texture(self.text_feature, latents, seed, together=True))
+
+    @torch.no_grad()
+    def look_at(self, texture: SrgbTexture) -> dict[str, Any]:
+        """The same of a texture."""
+        attack = self.attack
         albedo = attack.paint.apply(texture)
         seen = torch.zeros(2, len(attack.targets))
         for k in parallel.share(range(WEATHERS)):

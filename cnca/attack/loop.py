@@ -14,8 +14,9 @@ in the code            in the paper
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -141,11 +142,23 @@ def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[Vi
 
     def step_views(step: int) -> tuple[list[View], Weather]:
         turn, k = divmod(step, WEATHERS)
-        own = in_weather[k]
-        first = turn * count
-        return [own[(first + i) % len(own)] for i in range(count)], weathers[k]
+        return views_of_turn(in_weather[k], count, turn, seed=settings.seed + k), weathers[k]
 
     return step_views
+
+
+def views_of_turn(views: Sequence[View], count: int, turn: int, *, seed: int) -> list[View]:
+    """``count`` of these views: in each epoch every one comes once, in another order.
+
+    The views are taken by azimuth, one of each ``count``-th part of the circle, so that a step
+    looks at the vehicle from all around.  Seeded by the epoch: a turn is known by its number.
+    """
+    around = sorted(views, key=lambda view: math.atan2(view.origin[1], view.origin[0]))
+    parts = in_blocks(around, count)
+    epoch, place = divmod(turn, max(1, len(views) // count))
+    rng = torch.Generator().manual_seed(seed * 1_009 + epoch)
+    orders = [torch.randperm(len(part), generator=rng).tolist() for part in parts]
+    return [part[order[place % len(part)]] for part, order in zip(parts, orders, strict=True)]
 
 
 class Clock:

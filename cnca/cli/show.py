@@ -55,9 +55,11 @@ def attack(request: Request, summary: dict[str, Any]) -> None:
     rows = [
         [meaning, f"{summary[f'score_{name}']:.3f}", f"{summary['AP@0.5'][name]:.3f}"]
         for name, meaning in MEANING.items()
+        if name in summary["AP@0.5"]
     ]
     table(["texture", "detection score", "AP@0.5"], rows)
     line(f"camouflage over shuffled control: {summary['ratio_to_shuffled']:.2f}")
+    line(f"camouflage over the strongest control: {summary['ratio_to_controls']:.2f}")
     out, scene = request.out, request.scene
     ending(
         {

@@ -26,8 +26,8 @@ from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import PlainPictures, SrgbTexture
 from cnca.gen import textures
-from cnca.jobs.attack.run import HELD_OUT_SEED
 from cnca.jobs.datasets.carla import fit_frame
+from cnca.judge.held_out import HELD_OUT_SEED
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.mi_bridge.shading_cache import TracedShading

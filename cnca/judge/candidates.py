@@ -7,6 +7,8 @@
 ``prompt``         a texture of the prompt with F_adv = 0
 ``NAME prompt``    the same, from the folder of the ``cnca optimize`` that found ``NAME``
 ``NAME shuffled``  the candidate cut into blocks and shuffled, anew in each weather: its palette
+``NAME mirrored``  the candidate flipped left to right
+``NAME mean``      the one color that is its mean
 =================  ==============================================================================
 """
 
@@ -135,9 +137,15 @@ def make_coats(
     if "prompt" in wanted:
         coats |= {name: fixed(texture) for name, texture in prompts.items()}
     for name, texture in textures.items():
+        on_car = paint.resize(texture)
         if "shuffled" in wanted:
-            cut = partial(controls.shuffled, paint.resize(texture), blocks=min(BLOCKS, size))
+            cut = partial(controls.shuffled, on_car, blocks=min(BLOCKS, size), mask=paint.mask)
             coats[f"{name} shuffled"] = drawn("shuffled", cut)
+        if "mirrored" in wanted:
+            flip = partial(controls.mirrored, on_car, mask=paint.mask)
+            coats[f"{name} mirrored"] = drawn("mirrored", flip)
+        if "mean" in wanted:
+            coats[f"{name} mean"] = fixed(controls.mean_color(on_car, paint.mask))
         coats[name] = fixed(texture)
     return coats
 

@@ -19,9 +19,12 @@ MEANING = {
     "prompt": "prompt texture with F_adv = 0",
     "random": "random blocks (control)",
     "shuffled": "camouflage, shuffled in blocks (control: same palette)",
+    "mirrored": "camouflage, mirrored (control)",
+    "mean": "its mean color (control)",
+    "seeds": "best of other seeds of the prompt, without an attack (control)",
     "after": "camouflage",
 }
-"""Texture of a ``cnca optimize`` → what it is."""
+"""Texture of a ``cnca optimize`` → what it is; not every run has all of them."""
 
 SHOWN_VIEWS = 4
 TEMPLATES = Path(__file__).parent / "templates"

@@ -76,10 +76,13 @@ def _scores(numbers: Mapping[str, Any]) -> str:
     scores = numbers["scores_per_view"]
     weights = resample([len(scores["before"])], seed=0)
     shares = weights / weights.sum(dim=1, keepdim=True)
-    means = {n: shares @ torch.tensor(scores[n], dtype=torch.float64) for n in MEANING}
+    means = {
+        n: shares @ torch.tensor(scores[n], dtype=torch.float64) for n in MEANING if n in scores
+    }
     rows = [
         [meaning, cell(Sampled(means[name]).estimate()), f"{numbers['AP@0.5'][name]:.3f}"]
         for name, meaning in MEANING.items()
+        if name in means
     ]
     ratio = cell(Sampled(means["after"] / means["shuffled"]).estimate(), digits=2)
     head = ["texture", "detection score", "AP@0.5"]

@@ -11,7 +11,7 @@ from cnca.attack.loop import draw_pool, optimize, start
 from cnca.attack.settings import Settings
 from cnca.core.errors import NonFiniteError
 from cnca.gen.latents import Latents
-from cnca.jobs.attack.run import held_out_shots
+from cnca.judge.held_out import held_out_shots
 from cnca.scene.schema import Scene
 from tests.fake_attack import GreyGenerator, attack
 

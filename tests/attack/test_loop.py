@@ -153,17 +153,24 @@ def test_empty_attacks_are_refused(wrong):
 
 def test_the_views_of_a_step_see_the_car_all_around():
     pool = draw_pool(Scene(), Settings("grey", views_per_step=8, view_pool=256))
-    for step in (0, 5, WEATHERS + 3):
+    for step in (0, 5, WEATHERS + 3, 9 * WEATHERS):
         views, _ = pool(step)
         azimuths = [math.degrees(math.atan2(v.origin[1], v.origin[0])) % 360 for v in views]
         assert sorted(int(azimuth // 45) for azimuth in azimuths) == list(range(8))
 
 
-def test_the_pool_comes_back_to_its_views():
+def test_the_pool_comes_back_to_its_views_in_another_order():
     pool = draw_pool(Scene(), Settings("grey", views_per_step=8, view_pool=256))
-    seen = {view for step in range(2 * WEATHERS) for view in pool(step)[0]}
-    assert len(seen) == 256
-    assert pool(2 * WEATHERS) == pool(0)
+    epochs = [
+        [pool(step)[0] for step in range(2 * WEATHERS * k, 2 * WEATHERS * (k + 1))]
+        for k in range(3)
+    ]
+    for epoch in epochs:
+        assert len({view for views in epoch for view in views}) == 256
+    assert epochs[0] != epochs[1] != epochs[2] != epochs[0]
+    batches = {frozenset(views) for epoch in epochs for views in epoch}
+    assert len(batches) > 80  # of 96: they are not the same ones in turn either
+    assert pool(70) == draw_pool(Scene(), Settings("grey", views_per_step=8, view_pool=256))(70)
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,11 @@ def _parse(said: str) -> list[str]:
 def test_an_attack_ends_with_the_picture_and_what_is_next(capsys):
     out = Path("out/a rather long name of a folder/zebra")
     request = Request(Path("my scene.yaml"), out, Settings("zebra"))
-    summary = {"ratio_to_shuffled": 0.25, "AP@0.5": dict.fromkeys(MEANING, 0.5)}
+    summary = {
+        "ratio_to_shuffled": 0.25,
+        "ratio_to_controls": 0.3,
+        "AP@0.5": dict.fromkeys(MEANING, 0.5),
+    }
     summary |= {f"score_{name}": 0.125 for name in MEANING}
     show.attack(request, summary)
     said = capsys.readouterr().out

@@ -7,7 +7,14 @@ import torch
 from cnca.core.color import srgb_to_linear
 from cnca.core.errors import TextureError
 from cnca.core.images import write_texture_srgb
-from cnca.judge.candidates import controls_of, make_coats, named, parse_candidates, read_candidate
+from cnca.judge.candidates import (
+    CONTROLS,
+    controls_of,
+    make_coats,
+    named,
+    parse_candidates,
+    read_candidate,
+)
 from cnca.scene.paint import Paint
 from cnca.vehicle.builtin.sedan import BUILTIN_VEHICLES, build_sedan
 from cnca.vehicle.uv.texels import map_texels, project_pattern
@@ -63,11 +70,16 @@ def coats(seed=0, **more):
 def test_rows_and_what_each_candidate_is_compared_with():
     rows = list(coats()[0])
     assert rows == [
-        "normal", "uniform", "random", "prompt", "A prompt", "A shuffled", "A", "B shuffled", "B",
+        "normal", "uniform", "random", "prompt", "A prompt", "A shuffled", "A mirrored", "A mean", "A",
+        "B shuffled", "B mirrored", "B mean", "B",
     ]  # fmt: skip
-    common = ["normal", "uniform", "random", "prompt"]
-    assert controls_of("A", rows, ["A", "B"]) == [*common, "A prompt", "A shuffled"]
-    assert controls_of("B", rows, ["A", "B"]) == [*common, "B shuffled"]
+    common, own_controls = ["normal", "uniform", "random", "prompt"], CONTROLS[-3:]
+    assert controls_of("A", rows, ["A", "B"]) == [
+        *common,
+        "A prompt",
+        *(f"A {own}" for own in own_controls),
+    ]
+    assert controls_of("B", rows, ["A", "B"]) == [*common, *(f"B {own}" for own in own_controls)]
     assert list(coats(wanted=())[0]) == ["normal", "A", "B"]
     assert list(coats(wanted=("random",))[0]) == ["normal", "random", "A", "B"]
 

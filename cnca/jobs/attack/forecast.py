@@ -22,12 +22,13 @@ from cnca.attack.loop import optimize, start
 from cnca.attack.parts import Attack
 from cnca.attack.settings import WEATHERS, Settings
 from cnca.jobs.attack.request import Request
-from cnca.jobs.attack.run import assemble, held_out_shots
+from cnca.jobs.attack.run import assemble
 from cnca.judge.evaluate import Shots, evaluate
+from cnca.judge.held_out import held_out_shots
 from cnca.scene.schema import load_scene
 
-TEXTURES = 5
-"""That a run is judged in: the camouflage, plain paint and three controls."""
+TEXTURES = 7
+"""That a run is judged in: the camouflage, plain paint and five controls."""
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,9 @@ class Request:
     """All else works on the CPU."""
     mixed_precision: Annotated[bool, Flag("U-Net in bfloat16 (autocast).", COST)] = False
     held_out_views: Annotated[int, Flag("Views that judge the result.", COST)] = 24
+    control_seeds: Annotated[
+        int, Flag("Seeds of the prompt of which the best is a further control.", COST)
+    ] = 0
     tensorboard: Annotated[bool, Flag("Also log into OUT/tensorboard.", OUTPUT)] = False
     resume: Annotated[bool, Flag("Go on with an interrupted run.", OUTPUT)] = False
 

@@ -7,12 +7,10 @@ A run folder holds ``manifest.json``, ``log.jsonl``, ``checkpoint.pt``, and at t
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-import torch
 from rich.console import Console
 
 from cnca import build
@@ -20,31 +18,21 @@ from cnca.attack import checkpoint
 from cnca.attack.loop import Progress, optimize, start
 from cnca.attack.objectives import load_objective
 from cnca.attack.parts import Attack
-from cnca.attack.settings import FEATURE
 from cnca.attack.style import Style, style_of
-from cnca.attack.targets import Target, parse_targets, refuse_black_boxes
+from cnca.attack.targets import parse_targets, refuse_black_boxes
 from cnca.attack.variables import origin
 from cnca.core import parallel
-from cnca.core.detections import ALARM
 from cnca.core.files import append_text, write_text
-from cnca.core.images import write_texture_srgb
-from cnca.core.manifest import hashes, write_json
-from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
+from cnca.core.manifest import hashes
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
-from cnca.gen.feature import StoredFeature
 from cnca.gen.scorer import load_scorer
 from cnca.jobs.attack import tensorboard
 from cnca.jobs.attack.request import Request
-from cnca.judge.evaluate import Result, Shots, evaluate
-from cnca.report import shown_views, write_report
-from cnca.scene import controls
+from cnca.jobs.attack.verdict import judge
 from cnca.scene.protocols import TextureGenerator
 from cnca.scene.schema import Scene, load_scene
-from cnca.scene.variation import draw_views, draw_weathers, in_blocks
 
-HELD_OUT_SEED = 104_729
-"""Added to a run's seed for the views that judge it: never those that trained it."""
 CHECKPOINT = "checkpoint.pt"
 JOB = "optimize"
 """Which command's run the folder holds."""
@@ -65,7 +53,7 @@ def run(request: Request, console: Console) -> dict[str, Any]:
     if (request.out / CHECKPOINT).exists():
         checkpoint.restore(progress, request.out / CHECKPOINT)
     _attack(request, attack, progress, console)
-    return parallel.by_first(lambda: _judge(request, attack, progress, console))
+    return parallel.by_first(lambda: judge(request, attack, progress, console))
 
 
 def assemble(request: Request, scene: Scene) -> Attack:
@@ -158,86 +146,3 @@ def _keep_lines(log: Path, count: int) -> None:
     if log.exists():
         lines = log.read_text(encoding="utf-8").splitlines(keepends=True)[:count]
         write_text(log, "".join(lines))
-
-
-def _judge(
-    request: Request, attack: Attack, progress: Progress, console: Console
-) -> dict[str, Any]:
-    settings, scene, out = request.settings, attack.scene, request.out
-    latents, before = progress.result, origin(attack.generator, settings)
-    texture, unattacked = (
-        made.texture(attack.generator, settings.prompt, settings.seed) for made in (latents, before)
-    )
-    size = scene.vehicle.texture_size
-    chance = torch.Generator().manual_seed(settings.seed)
-    albedos = {
-        "before": attack.paint.apply(),
-        "prompt": attack.paint.apply(unattacked),
-        "random": attack.paint.apply(controls.random_blocks(size, chance)),
-        "shuffled": attack.paint.apply(controls.shuffled(texture, chance)),
-        "after": attack.paint.apply(texture),
-    }
-    shots = held_out_shots(scene, request.held_out_views, settings.seed)
-    renderer = build.build_renderer(scene, build.build_vehicle(scene), backend=request.backend)
-    with bar(console) as shown:
-        task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
-        results = evaluate(renderer, attack.targets, albedos, shots, lambda: shown.advance(task))
-    write_texture_srgb(out / "texture.png", texture.permute(1, 2, 0).numpy())
-    write_texture_srgb(out / "texture_prompt.png", unattacked.permute(1, 2, 0).numpy())
-    tau, kind = settings.bound(FEATURE), settings.feature
-    stored = StoredFeature(latents.feature, settings.prompt, tau, kind, latents.noises)
-    stored.save(out / "F_adv.safetensors")
-    first = attack.targets[0]
-    write_png(out / "before_after.png", _before_after(results[first.name], first))
-    summary = _summarize(request, attack.targets, results) | {"steps": progress.step}
-    if settings.check_every:
-        summary["best_step"] = progress.best.step
-    write_json(out / "summary.json", summary)
-    write_report(out)
-    return summary
-
-
-def held_out_shots(scene: Scene, count: int, seed: int) -> Shots:
-    """Views and weathers of the scene's ranges that the attack with this seed does not see."""
-    weathers = draw_weathers(scene, max(1, min(8, count // 4)), seed=seed + HELD_OUT_SEED)
-    views = draw_views(scene, count, seed=seed + HELD_OUT_SEED)
-    return Shots(in_blocks(views, len(weathers)), weathers, seed)
-
-
-def _before_after(results: dict[str, Result], target: Target) -> SrgbPicture:
-    """Rows: plain paint and camouflage; columns: views spread over the held-out set."""
-    tiles, captions = [], []
-    for name in ("before", "after"):
-        result = results[name]
-        for i in shown_views(len(result.images)):
-            sure = result.detections[i].above(ALARM)
-            picture = as_pictures(result.images[i : i + 1])[0]
-            tiles.append(draw_boxes(picture, sure, target.detector.class_names, result.boxes[i]))
-            captions.append(f"{name}: score {result.scores[i]:.2f}")
-    return side_by_side(tiles, captions, columns=len(tiles) // 2)
-
-
-def _summarize(
-    request: Request, targets: Sequence[Target], results: dict[str, dict[str, Result]]
-) -> dict[str, Any]:
-    """The numbers of the first target, then those of each by name."""
-    by_target = {t.name: {"weight": t.weight} | _numbers(results[t.name]) for t in targets}
-    first = targets[0].name
-    return {
-        "prompt": request.settings.prompt,
-        "detector": first,
-        "scene": str(request.scene),
-        "held_out_views": len(results[first]["before"].scores),
-        **_numbers(results[first]),
-        "detectors": by_target,
-    }
-
-
-def _numbers(results: dict[str, Result]) -> dict[str, Any]:
-    scores = {name: round(result.mean_score, 4) for name, result in results.items()}
-    return {
-        **{f"score_{name}": score for name, score in scores.items()},
-        "ratio_to_shuffled": round(scores["after"] / max(scores["shuffled"], 1e-9), 4),
-        "AP@0.5": {name: round(r.average_precision, 4) for name, r in results.items()},
-        "scores_per_view": {n: [round(s, 4) for s in r.scores] for n, r in results.items()},
-    }

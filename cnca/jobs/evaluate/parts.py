@@ -16,12 +16,12 @@ from cnca.core.manifest import DETECTING, PAINTING, hashes, program
 from cnca.core.types import SrgbTexture
 from cnca.detect import detector_files
 from cnca.detect.classes import CAR, known_name
-from cnca.jobs.attack.run import held_out_shots
 from cnca.jobs.evaluate.frames import Frames, MaskedRenderer, OverFrames, read_frames
 from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.judge.candidates import Candidate, make_coats, named, read_candidate
 from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import digest, kept_pictures
+from cnca.judge.held_out import held_out_shots
 from cnca.judge.stage import Eye, Stage, scene_key
 from cnca.scene.paper_grid import find_grid, grid_shots
 from cnca.scene.schema import Scene, load_scene

@@ -18,9 +18,9 @@ from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.progress import bar
 from cnca.core.types import SrgbTexture
-from cnca.jobs.attack.run import held_out_shots
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.evaluate import Result, evaluate
+from cnca.judge.held_out import held_out_shots
 from cnca.judge.records import Estimate
 from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene, load_scene
