@@ -70,16 +70,17 @@ def coats(seed=0, **more):
 def test_rows_and_what_each_candidate_is_compared_with():
     rows = list(coats()[0])
     assert rows == [
-        "normal", "uniform", "random", "prompt", "A prompt", "A shuffled", "A mirrored", "A mean", "A",
+        "normal", "uniform", "random", "prompt", "A prompt", "A shuffled", "A mirrored",
+        "A mean", "A",
         "B shuffled", "B mirrored", "B mean", "B",
     ]  # fmt: skip
-    common, own_controls = ["normal", "uniform", "random", "prompt"], CONTROLS[-3:]
+    common, of_its_own = ["normal", "uniform", "random", "prompt"], CONTROLS[-3:]
     assert controls_of("A", rows, ["A", "B"]) == [
         *common,
         "A prompt",
-        *(f"A {own}" for own in own_controls),
+        *(f"A {c}" for c in of_its_own),
     ]
-    assert controls_of("B", rows, ["A", "B"]) == [*common, *(f"B {own}" for own in own_controls)]
+    assert controls_of("B", rows, ["A", "B"]) == [*common, *(f"B {c}" for c in of_its_own)]
     assert list(coats(wanted=())[0]) == ["normal", "A", "B"]
     assert list(coats(wanted=("random",))[0]) == ["normal", "random", "A", "B"]
 
