@@ -148,14 +148,14 @@ def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[Vi
 
 
 def views_of_turn(views: Sequence[View], count: int, turn: int, *, seed: int) -> list[View]:
-    """``count`` of these views: in each epoch every one comes once, in another order.
+    """``count`` of these views: each epoch comes to all of them, in another order.
 
     The views are taken by azimuth, one of each ``count``-th part of the circle, so that a step
     looks at the vehicle from all around.  Seeded by the epoch: a turn is known by its number.
     """
     around = sorted(views, key=lambda view: math.atan2(view.origin[1], view.origin[0]))
     parts = in_blocks(around, count)
-    epoch, place = divmod(turn, max(1, len(views) // count))
+    epoch, place = divmod(turn, -(-len(views) // count))
     rng = torch.Generator().manual_seed(seed * 1_009 + epoch)
     orders = [torch.randperm(len(part), generator=rng).tolist() for part in parts]
     return [part[order[place % len(part)]] for part, order in zip(parts, orders, strict=True)]
