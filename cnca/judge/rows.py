@@ -4,7 +4,7 @@ from __future__ import annotations
 
 NORMAL = "normal"
 """The vehicle's own paint."""
-CONTROLS = ("uniform", "random", "prompt", "shuffled")
+CONTROLS = ("uniform", "random", "prompt", "shuffled", "mirrored", "mean")
 """What camouflages must prove themselves against; see :mod:`cnca.judge.candidates`."""
 RESERVED = (NORMAL, "uniform", "random", "prompt", "photograph", "total")
 """Names that no camouflage may have."""
