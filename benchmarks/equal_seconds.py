@@ -32,6 +32,7 @@ from cnca.core.types import SrgbTexture
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.evaluate import evaluate
 from cnca.judge.held_out import held_out_shots
+from cnca.judge.truth import Truth
 from cnca.judge.verdict import Measured, Seen, measure, word_for
 from cnca.scene import controls
 from cnca.scene.protocols import Residual
@@ -98,7 +99,7 @@ class Contest:
         results = evaluate(renderer, self.targets, albedos, shots)[target.name]
         names = target.detector.class_names
         return {
-            name: measure(Seen(r.detections, names), None, r.boxes, weights, "car")
+            name: measure(Seen(r.detections, names), None, Truth(r.boxes), weights, "car")
             for name, r in results.items()
         }
 

@@ -53,3 +53,13 @@ def iou_matrix(
 ) -> Float[Tensor, "*batch n m"]:
     """The overlap of every box of ``first`` with every box of ``second``."""
     return iou(first[..., :, None, :], second[..., None, :, :])
+
+
+def share_inside(boxes: Boxes, regions: Boxes) -> Float[Tensor, " boxes"]:
+    """The largest share of each box's own area that lies in one of the regions, in [0, 1]."""
+    if not len(regions):
+        return boxes.new_zeros(len(boxes))
+    low = torch.maximum(boxes[:, None, :2], regions[None, :, :2])
+    high = torch.minimum(boxes[:, None, 2:], regions[None, :, 2:])
+    common = (high - low).clamp(min=0.0).prod(dim=-1).amax(dim=1)
+    return common / area(boxes).clamp(min=SMALLEST_AREA)

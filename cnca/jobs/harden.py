@@ -139,9 +139,9 @@ def compare(
         weathers = len(stages[0].rows) * len(stages[0].shots.weathers)
         task = shown.add_task("held-out views", total=weathers)
         seen = see(stages, eyes, lambda: shown.advance(task))
-    boxes = stages[0].boxes()
-    weights = resample([len(boxes)], seed=evidence.seed)
-    measured = measure_all(seen, boxes, weights, normal=NORMAL)
+    truth = stages[0].truth()
+    weights = resample([len(truth)], seed=evidence.seed)
+    measured = measure_all(seen, truth, weights, normal=NORMAL)
     rows: dict[str, dict[str, Change]] = {}
     for row, by_detector in measured.items():
         before, after = (by_detector[name][stages[0].label] for name in (BEFORE, AFTER))
@@ -152,9 +152,9 @@ def compare(
                 before[name].estimate(),
                 after[name].estimate(),
                 difference.estimate(),
-                word_for(difference, len(boxes)),
+                word_for(difference, len(truth)),
             )
-    return len(boxes), rows
+    return len(truth), rows
 
 
 def markdown(results: Hardening) -> str:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
-import torch
-
-from cnca.core.types import Boxes
 from cnca.judge.bootstrap import resample
 from cnca.judge.candidates import controls_of
 from cnca.judge.records import Comparison, Evidence, Scores, SectionScores
 from cnca.judge.rows import NORMAL
 from cnca.judge.sections import AXES, parameters, sections
-from cnca.judge.stage import Eye, Stage
+from cnca.judge.stage import Eye, Stage, whole_truth
+from cnca.judge.truth import Truth
 from cnca.judge.verdict import (
     MEASURES,
     MeasuredScores,
@@ -34,14 +32,14 @@ def judge(
     seed: int,
 ) -> Evidence:
     """All numbers with their intervals."""
-    boxes = torch.cat([stage.boxes() for stage in stages])
+    truth = whole_truth(stages)
     table = [row for stage in stages for row in parameters(stage.shots)]
     counts = [len(stage.places) for stage in stages]
     weights = resample(counts, seed=seed)
-    measured = measure_all(seen, boxes, weights, normal=NORMAL)
+    measured = measure_all(seen, truth, weights, normal=NORMAL)
     frames = [fit for stage in stages for fit in stage.frames]
     return Evidence(
-        views=len(boxes),
+        views=len(truth),
         interval=f"95 %, percentile bootstrap over views, {len(weights) - 1} resamples",
         seed=seed,
         scenes=[stage.name for stage in stages],
@@ -51,17 +49,17 @@ def judge(
         rows=list(seen),
         measures=MEASURES,
         all=estimates(measured),
-        comparisons=_compare(measured, stages[0].label, list(candidates), list(seen), len(boxes)),
-        sections=_sections(seen, boxes, weights, table),
+        comparisons=_compare(measured, stages[0].label, list(candidates), list(seen), len(truth)),
+        sections=_sections(seen, truth, weights, table),
         frames=frames or None,
-        by_scene=_by_scene(stages, seen, boxes, weights) if len(stages) > 1 else None,
+        by_scene=_by_scene(stages, seen, truth, weights) if len(stages) > 1 else None,
     )
 
 
 def _by_scene(
     stages: Sequence[Stage],
     seen: Mapping[str, Mapping[str, Seen]],
-    boxes: Boxes,
+    truth: Truth,
     weights: Weights,
 ) -> dict[str, Scores]:
     """Scene → the scores over its own views."""
@@ -73,7 +71,7 @@ def _by_scene(
             row: {name: replace(s, detections=s.detections[views]) for name, s in by_eye.items()}
             for row, by_eye in seen.items()
         }
-        measured = measure_all(part, boxes[views], weights[:, views], normal=NORMAL)
+        measured = measure_all(part, truth.part(views), weights[:, views], normal=NORMAL)
         scores[stage.name] = estimates(measured)
     return scores
 
@@ -102,7 +100,7 @@ def _compare(
 
 def _sections(
     seen: Mapping[str, Mapping[str, Seen]],
-    boxes: Boxes,
+    truth: Truth,
     weights: Weights,
     table: list[dict[str, float]],
 ) -> dict[str, list[SectionScores]]:
@@ -111,7 +109,7 @@ def _sections(
     for axis in AXES:
         parts = sections(table, axis)
         views = [part.views for part in parts]
-        by_row = {row: by_section(by, boxes, weights, views) for row, by in seen.items()}
+        by_row = {row: by_section(by, truth, weights, views) for row, by in seen.items()}
         by_axis[axis] = [
             SectionScores(
                 label=part.label,

@@ -26,7 +26,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from cnca.core.boxes import iou_matrix
+from cnca.core.boxes import iou_matrix, share_inside
 from cnca.core.detections import MATCH, suppress
 from cnca.core.types import Boxes, Detections
 
@@ -115,23 +115,37 @@ def rank(
     *,
     kind: Kind = "voc",
     iou_threshold: float = MATCH,
+    ignored: Sequence[Boxes] | None = None,
 ) -> Ranking:
     """Match the detections of class ``label`` with the objects and rank them by confidence.
 
-    ``truths`` holds one tensor (objects, 4) for each image, xyxy; images without objects count
-    through their false alarms.  Raises ValueError where the lengths differ.
+    Args:
+        truths: one tensor (objects, 4) for each image, xyxy; images without objects count through
+            their false alarms.
+        ignored: likewise regions in which a detection is neither hit nor false alarm.  It lies in
+            one with at least half of its own area (which it does wherever their IoU is one half),
+            as COCO has it for crowds.  Another detection of an object that a more confident one has
+            found is left out there by COCO, and stays a false alarm for VOC.
+
+    Raises ValueError where the lengths differ.
     """
     scores, hits, images = [torch.zeros(0)], [torch.zeros(0, dtype=torch.bool)], []
-    for found, boxes in zip(detections, truths, strict=True):
+    regions = ignored if ignored is not None else [boxes[:0] for boxes in truths]
+    for found, boxes, left_out in zip(detections, truths, regions, strict=True):
         of_class = found.of(label)
         order = torch.argsort(of_class.scores, descending=True, stable=True)
         if kind == "coco":
             order = order[:MOST_DETECTIONS]
         overlap = iou_matrix(of_class.boxes[order], boxes.to(of_class.boxes))
         match = _free_matches if kind == "coco" else _nearest_matches
-        scores.append(of_class.scores[order].cpu())
-        hits.append(match(overlap.cpu().numpy(), iou_threshold))
-        images.append(len(order))
+        hit = match(overlap.cpu().numpy(), iou_threshold)
+        inside = share_inside(of_class.boxes[order], left_out.to(of_class.boxes)).cpu() >= MATCH
+        kept = hit | ~inside
+        if kind != "coco":
+            kept |= (overlap >= iou_threshold).any(dim=1).cpu()
+        scores.append(of_class.scores[order].cpu()[kept])
+        hits.append(hit[kept])
+        images.append(int(kept.sum()))
     joined = torch.cat(scores)
     order = torch.argsort(joined, descending=True, stable=True)
     ranked = joined[order]

@@ -18,8 +18,10 @@ from cnca.judge.candidates import Coat
 from cnca.judge.evaluate import Shots, look, photograph
 from cnca.judge.gallery import digest, kept_detections, kept_pictures, recall
 from cnca.judge.records import FrameFit
+from cnca.judge.rows import IGNORE
+from cnca.judge.truth import Other, Truth
 from cnca.judge.verdict import Seen
-from cnca.scene.protocols import Detector, Renderer
+from cnca.scene.protocols import Detector, Renderer, SightingRenderer
 from cnca.scene.schema import Scene
 
 
@@ -51,6 +53,8 @@ class Stage:
     """Stands for all that decides the pictures, save texture, views, weather and seed."""
     label: str = CAR
     """What the vehicle is; the same on all stages of an evaluation."""
+    others: str = IGNORE
+    """What becomes of other vehicles; one of :data:`cnca.judge.rows.OTHERS`."""
     photographs: Mapping[str, Callable[[int], SrgbImages]] = field(default_factory=dict)
     """Rows without a texture: name → the pictures of a weather, such as CARLA's own frames."""
     frames: Sequence[FrameFit] = ()
@@ -77,6 +81,21 @@ class Stage:
             path = self.folder / "boxes" / self.name / f"weather{weather:02d}.npz"
             parts.append(recall(path, digest(self.key, views), measured)["boxes"])
         return torch.cat([torch.from_numpy(part) for part in parts])
+
+    def truth(self) -> Truth:
+        """The vehicle in every view, and the others that the renderer knows of."""
+        return Truth(self.boxes(), self.others_seen(), self.others)
+
+    def others_seen(self) -> list[list[Other]]:
+        """Of every view, what else with a label is in it."""
+        renderer = self.renderer
+        if not isinstance(renderer, SightingRenderer):
+            return [[] for _ in self.places]
+        return [
+            [Other(seen.label, seen.box, seen.occluded) for seen in view]
+            for views in self.shots.views
+            for view in renderer.sightings(views)
+        ]
 
     def pictures(self, row: str, weather: int) -> SrgbImages:
         """The pictures of one row in one weather, taken where they are not kept."""
@@ -116,6 +135,13 @@ class Stage:
 
     def _place(self, row: str, weather: int) -> str:
         return f"{self.name}/{row.replace(' ', '~')}/weather{weather:02d}.npz"
+
+
+def whole_truth(stages: Sequence[Stage]) -> Truth:
+    """The truth in the views of all stages, one after the other."""
+    parts = [stage.truth() for stage in stages]
+    others = [view for part in parts for view in part.others]
+    return Truth(torch.cat([part.boxes for part in parts]), others, parts[0].choice)
 
 
 def see(

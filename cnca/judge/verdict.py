@@ -17,7 +17,8 @@ from cnca.core.types import Boxes, Detections
 from cnca.detect.classes import CAR, counted, vehicle_labels
 from cnca.judge.bootstrap import Sampled, mean
 from cnca.judge.records import Scores
-from cnca.judge.scores import as_one_class, detection_score, rank
+from cnca.judge.scores import Kind, as_one_class, detection_score, rank
+from cnca.judge.truth import Truth
 
 MEASURES = {
     "AP_voc": "AP@0.5, Pascal VOC 2010–2012 (area)",
@@ -26,6 +27,7 @@ MEASURES = {
     "score": "mean detection score",
     "success": "attack success rate",
 }
+KINDS: tuple[Kind, ...] = ("voc", "voc11", "coco")
 LEAST_VIEWS = 20
 """Where all of so many views are alike, up to 3 / 20 of all others may still differ (at 95 %)."""
 TOO_FEW = "too few views"
@@ -61,7 +63,7 @@ class Seen:
 
 
 def measure(
-    seen: Seen, before: Seen | None, boxes: Boxes, weights: Weights, column: str
+    seen: Seen, before: Seen | None, truth: Truth, weights: Weights, column: str
 ) -> Measured:
     """All :data:`MEASURES` of one texture before one detector.
 
@@ -70,22 +72,23 @@ def measure(
     least :data:`ALARM`, IoU of at least 0.5) in which it is found no more.
     """
     found = seen.column(column)
-    truths = [box[None] for box in boxes]
+    truths, ignored = truth.objects(column, seen.label), truth.ignored(column, seen.label)
+    rankings = {kind: rank(found, truths, 0, kind=kind, ignored=ignored) for kind in KINDS}
     measured: dict[str, Sampled] = {
-        f"AP_{kind}": Sampled(rank(found, truths, 0, kind=kind).average_precision(weights))
-        for kind in ("voc", "voc11", "coco")
+        f"AP_{kind}": Sampled(ranking.average_precision(weights))
+        for kind, ranking in rankings.items()
     }
-    scores = _scores(found, boxes)
+    scores = _scores(found, truth.boxes)
     measured["score"] = Sampled(weights @ scores / weights.sum(dim=1))
     if before is not None:
-        had = (_scores(before.column(column), boxes) >= ALARM).double()
+        had = (_scores(before.column(column), truth.boxes) >= ALARM).double()
         lost = had * (scores < ALARM)
         measured["success"] = Sampled((weights @ lost) / (weights @ had))  # 0 / 0 is NaN
     return measured
 
 
 def measure_all(
-    seen: Mapping[str, Mapping[str, Seen]], boxes: Boxes, weights: Weights, *, normal: str
+    seen: Mapping[str, Mapping[str, Seen]], truth: Truth, weights: Weights, *, normal: str
 ) -> MeasuredScores:
     """Every measure of every texture; ``total`` is the mean over the detectors.
 
@@ -98,7 +101,7 @@ def measure_all(
         for detector, each in by_detector.items():
             before = None if texture == normal else seen[normal][detector]
             table[texture][detector] = {
-                column: measure(each, before, boxes, weights, column) for column in each.columns
+                column: measure(each, before, truth, weights, column) for column in each.columns
             }
         own = list(table[texture].values())
         table[texture][TOTAL] = {
@@ -124,16 +127,18 @@ def estimates(measured: MeasuredScores) -> Scores:
 
 def by_section(
     seen: Mapping[str, Seen],
-    boxes: Boxes,
+    truth: Truth,
     weights: Weights,
     sections: Sequence[Sequence[int]],
 ) -> list[Sampled]:
     """AP (VOC, area, own class), mean over the detectors, of each section of the views."""
-    found = [each.column(each.label) for each in seen.values()]
     sampled = []
     for views in sections:
-        truths = [boxes[i][None] for i in views]
-        rankings = [rank([each[i] for i in views], truths, 0) for each in found]
+        own, rankings = truth.part(views), []
+        for each in seen.values():
+            found, label = each.column(each.label), each.label
+            objects, ignored = own.objects(label, label), own.ignored(label, label)
+            rankings.append(rank([found[i] for i in views], objects, 0, ignored=ignored))
         part = weights[:, list(views)]
         sampled.append(mean([Sampled(r.average_precision(part)) for r in rankings]))
     return sampled

@@ -25,9 +25,10 @@ from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.layers import first_hits, mask_boxes, refuse_inside, vehicle_mask
 from cnca.mi_bridge.memory import refuse_too_many, samples_at_once
 from cnca.mi_bridge.rays import Cameras
+from cnca.mi_bridge.sightings import Sightings
 from cnca.mi_bridge.worlds import Worlds, one_spot
 from cnca.scene.cameras import Spot, View
-from cnca.scene.layers import Layers
+from cnca.scene.layers import Layers, Sighting
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Part, Vehicle
 from cnca.world.model import World
@@ -107,6 +108,7 @@ class MitsubaRenderer:
         self._worn = (str(best["materials"]), str(best["glass"]))
         self.geometry = self._build(*self._worn)
         self._make_world = worlds
+        self._sightings = lru_cache(1)(self._find_objects)
         self.worlds = Worlds(worlds, self.geometry) if worlds else None
 
     def render(
@@ -248,6 +250,13 @@ class MitsubaRenderer:
         """Share of each pixel that the vehicle covers, in [0, 1]."""
         return vehicle_mask(self._traced(views), self._cameras(views))
 
+    def sightings(self, views: Sequence[View]) -> list[list[Sighting]]:
+        """What else with a label each view shows."""
+        if self.worlds is None:
+            return [[] for _ in views]
+        spot = one_spot(views)
+        return self._sightings(spot).look(self.worlds.traced(spot), self._cameras(views))
+
     def visible_shares(self, views: Sequence[View]) -> list[float]:
         """Share of the vehicle in each picture that nothing of the world hides, in [0, 1].
 
@@ -321,6 +330,10 @@ class MitsubaRenderer:
             self._worn, self.geometry = (materials, glass), self._build(materials, glass)
             if self._make_world is not None:
                 self.worlds = Worlds(self._make_world, self.geometry)
+
+    def _find_objects(self, spot: Spot) -> Sightings:
+        assert self._make_world is not None
+        return Sightings(self._make_world(spot))
 
     def _make_atmosphere(self, weather: Weather, sun: str, fog: str) -> Atmosphere:
         forward = partial(self._forward_share, self.geometry) if self.vehicle.parts else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 
 @dataclass(frozen=True)
@@ -22,3 +22,21 @@ class Layers:
     """Unit shading normal in world axes; zero for the sky."""
     albedo: Float[np.ndarray, "views height width 3"]
     """Linear diffuse reflectance with the texture that was rendered last."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Another thing with a label that a camera sees."""
+
+    label: str
+    """The class that it belongs to, such as car or truck."""
+    mask: Bool[np.ndarray, "height width"]
+    """The pixels whose centre shows it, at least one."""
+    occluded: float
+    """Share of it in the picture that something else hides, in [0, 1)."""
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """The pixels that show it, left, top, right and bottom, the last two beyond them."""
+        rows, columns = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (1, 0))
+        return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -21,6 +21,7 @@ from cnca.core.types import (
     SrgbTexture,
 )
 from cnca.scene.cameras import View
+from cnca.scene.layers import Sighting
 from cnca.scene.weather import Weather
 
 
@@ -35,6 +36,14 @@ class Renderer(Protocol):
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Return the vehicle's bounding box in each view, xyxy in pixels, shape (views, 4)."""
+
+
+@runtime_checkable
+class SightingRenderer(Renderer, Protocol):
+    """A renderer that knows what else with a label stands around the vehicle."""
+
+    def sightings(self, views: Sequence[View]) -> list[list[Sighting]]:
+        """Return, of each view, the objects of the world that it shows."""
 
 
 @runtime_checkable

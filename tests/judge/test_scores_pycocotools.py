@@ -45,7 +45,7 @@ def draw(seed, *, images=12, crowded=False, levels=None):
     return detections, truths
 
 
-def pycocotools_precisions(detections, truths, recalls):
+def pycocotools_precisions(detections, truths, recalls, crowds=None):
     """Interpolated precision at each of ``recalls``, IoU 0.5, all areas, 100 detections."""
 
     def xywh(box):
@@ -53,9 +53,11 @@ def pycocotools_precisions(detections, truths, recalls):
         return [left, top, right - left, bottom - top]
 
     objects = [(image, xywh(box)) for image, boxes in enumerate(truths) for box in boxes]
+    rows = [(image, box, 0) for image, box in objects]
+    rows += [(i, xywh(box), 1) for i, boxes in enumerate(crowds or []) for box in boxes]
     annotations = [
-        {"id": k + 1, "image_id": i, "category_id": CAR, "bbox": box, "area": 1.0, "iscrowd": 0}
-        for k, (i, box) in enumerate(objects)
+        {"id": k + 1, "image_id": i, "category_id": CAR, "bbox": b, "area": 1.0, "iscrowd": crowd}
+        for k, (i, b, crowd) in enumerate(rows)
     ]
     found = [
         {"image_id": image, "category_id": int(label), "bbox": xywh(box), "score": float(score)}
@@ -94,6 +96,50 @@ def test_coco_equals_pycocotools(seed, case):
     # pycocotools adds a machine epsilon to its divisor; nothing else differs.
     found = average_precision(detections, truths, CAR, kind="coco")
     assert found == pytest.approx(expected, abs=1e-12)
+
+
+def regions(seed, truths):
+    """Some regions in each image: over objects, beside them, and where the false alarms lie."""
+    rng, drawn = np.random.default_rng(100 + seed), []
+    for boxes in truths:
+        near = boxes[rng.random(len(boxes)) < 0.5].numpy() + rng.integers(-30, 31, size=4)
+        near[:, 2:] = np.maximum(near[:, 2:], near[:, :2] + 5)
+        far = rng.integers(5000, 6000, size=(3, 2)).astype(float)
+        drawn.append(torch.from_numpy(np.concatenate([near, np.hstack([far, far + 300])])))
+    return drawn
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("case", CASES)
+def test_ignored_regions_are_pycocotools_crowds(seed, case):
+    detections, truths = draw(seed, **case)
+    ignored = regions(seed, truths)
+    expected = pycocotools_precisions(detections, truths, None, ignored).mean()
+    once = torch.ones(1, len(truths), dtype=torch.float64)
+    ranking = rank(detections, truths, CAR, kind="coco", ignored=ignored)
+    found = float(ranking.average_precision(once))
+    assert found == pytest.approx(expected, abs=1e-12)
+    assert found != average_precision(detections, truths, CAR, kind="coco")
+
+
+@pytest.mark.parametrize("kind", ["voc", "voc11", "coco"])
+def test_what_lies_in_an_ignored_region_changes_nothing(kind):
+    """Detections there, and those moved out of the pictures, come to the same."""
+    car, other, wall = [0.0, 0, 10, 10], [30.0, 0, 40, 10], [80.0, 0, 90, 10]
+    truths, ignored = [torch.tensor([car])], [torch.tensor([[28.0, 0, 60, 12]])]
+    once = torch.ones(1, 1, dtype=torch.float64)
+
+    def value(*boxes, regions=None):
+        scores = torch.linspace(0.9, 0.5, len(boxes))
+        found = [Detections(torch.tensor(boxes), scores, torch.full((len(boxes),), CAR))]
+        ranking = rank(found, truths, CAR, kind=kind, ignored=regions)
+        return float(ranking.average_precision(once))
+
+    assert value(other, car) < 1
+    assert value(other, car, regions=ignored) == pytest.approx(1)
+    assert value(wall, car, regions=ignored) == value(wall, car) == value(other, car)
+    over_the_car = [torch.tensor([[0.0, 0, 60, 12]])]
+    assert value(car, regions=over_the_car) == pytest.approx(1)  # found, whatever lies around it
 
 
 @pytest.mark.parametrize("seed", range(6))

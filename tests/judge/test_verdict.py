@@ -7,6 +7,7 @@ from cnca.core.errors import DetectorError
 from cnca.core.types import Detections
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.scores import rank
+from cnca.judge.truth import Truth
 from cnca.judge.verdict import TOTAL, Seen, by_section, measure, measure_all, word_for
 
 BOX = torch.tensor([0.0, 0.0, 10.0, 10.0])
@@ -27,7 +28,7 @@ def seen(*views, names=NAMES):
 def measured(now, before=None, column="car"):
     count = len(now.detections)
     weights = resample([count], seed=0, count=200)
-    return measure(now, before, BOX.expand(count, 4), weights, column)
+    return measure(now, before, Truth(BOX.expand(count, 4)), weights, column)
 
 
 def test_a_truck_is_a_vehicle_and_no_car():
@@ -60,7 +61,7 @@ def test_total_is_the_mean_over_detectors_with_its_own_interval():
     one, other = seen(*[(1, 0.9)] * 8), seen(*[(1, 0.9)] * 4, *[None] * 4)
     weights = resample([8], seed=0, count=500)
     table = measure_all(
-        {"normal": {"a": one, "b": other}}, BOX.expand(8, 4), weights, normal="normal"
+        {"normal": {"a": one, "b": other}}, Truth(BOX.expand(8, 4)), weights, normal="normal"
     )
     total = table["normal"][TOTAL]["car"]["AP_voc"]
     assert total.value == pytest.approx(0.75)
@@ -72,7 +73,7 @@ def test_total_is_the_mean_over_detectors_with_its_own_interval():
 def test_sections_count_their_own_views():
     now = seen((1, 0.9), None, (1, 0.8), (1, 0.7))
     weights = resample([4], seed=0, count=50)
-    parts = by_section({"a": now}, BOX.expand(4, 4), weights, [[0, 2], [1, 3]])
+    parts = by_section({"a": now}, Truth(BOX.expand(4, 4)), weights, [[0, 2], [1, 3]])
     assert [part.value for part in parts] == pytest.approx([1.0, 0.5])
 
 

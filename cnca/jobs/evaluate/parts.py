@@ -93,6 +93,7 @@ def _stage(
         coats=make_coats(paint, textures, prompts(), wanted=request.controls, seed=request.seed),
         folder=request.out,
         label=known_name(scene.vehicle.label),
+        others=request.others,
         key=scene_key(
             scene,
             vehicle,

@@ -16,8 +16,7 @@ import torch
 from rich.console import Console
 
 from cnca.core import parallel
-from cnca.core.boxes import area, iou_matrix
-from cnca.core.detections import ALARM, MATCH
+from cnca.core.detections import ALARM
 from cnca.core.errors import RunError
 from cnca.core.files import replacing
 from cnca.core.manifest import hashes, write_json
@@ -25,7 +24,7 @@ from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_sid
 from cnca.core.progress import bar
 from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
-from cnca.core.types import Boxes, Detections, SrgbImages
+from cnca.core.types import Detections, SrgbImages
 from cnca.detect import detector_files
 from cnca.detect.classes import CAR, VEHICLES, counted
 from cnca.jobs.evaluate.parts import build_eyes
@@ -36,15 +35,12 @@ from cnca.judge.evaluate import look
 from cnca.judge.gallery import digest, kept_detections
 from cnca.judge.labels import Photo, read_labels
 from cnca.judge.records import Comparison, PhotoEvidence
-from cnca.judge.scores import Kind, rank
+from cnca.judge.scores import rank
 from cnca.judge.stage import Eye
-from cnca.judge.verdict import TOTAL, Seen, estimates, word_for
+from cnca.judge.verdict import KINDS, TOTAL, Seen, estimates, word_for
 from cnca.report.paper_tables import TABLE2, TABLE2_COLUMNS, quoted_table
 from cnca.report.tables import cell, column_titles, table, with_total
 
-KINDS: tuple[Kind, ...] = ("voc", "voc11", "coco")
-IGNORED_SHARE = 0.5
-"""A detection that lies in an ignored box with this share of its area is ignored."""
 SHOWN, SHOWN_WIDTH = 6, 400
 """Photographs of each row on the contact sheet, and their width in pixels."""
 
@@ -146,19 +142,6 @@ def read_photo(photo: Photo) -> SrgbImages:
     return torch.from_numpy(rgb).permute(2, 0, 1)[None].float() / 255
 
 
-def without_ignored(found: Detections, truth: Boxes, ignored: Boxes) -> Detections:
-    """Drop what lies in a crowd or on a difficult object, unless it may find another object."""
-    if not len(ignored) or not len(found.scores):
-        return found
-    low = torch.maximum(found.boxes[:, None, :2], ignored[None, :, :2])
-    high = torch.minimum(found.boxes[:, None, 2:], ignored[None, :, 2:])
-    common = (high - low).clamp(min=0).prod(dim=-1).amax(dim=1)
-    inside = common >= IGNORED_SHARE * area(found.boxes).clamp(min=1e-9)
-    near_object = (iou_matrix(found.boxes, truth) >= MATCH).any(dim=1)
-    keep = ~inside | near_object
-    return Detections(found.boxes[keep], found.scores[keep], found.labels[keep])
-
-
 def _measure(
     photos: Sequence[Photo], own: Sequence[int], seen: Mapping[str, Seen], weights: torch.Tensor
 ) -> dict[str, dict[str, dict[str, Sampled]]]:
@@ -170,8 +153,7 @@ def _measure(
             truths = [photo.boxes(classes) for photo in photos]
             ignored = [torch.tensor(photo.ignored).reshape(-1, 4) for photo in photos]
             part = Seen([each.detections[i] for i in own], each.class_names).column(column)
-            found = [without_ignored(*three) for three in zip(part, truths, ignored, strict=True)]
-            rankings = {kind: rank(found, truths, 0, kind=kind) for kind in KINDS}
+            rankings = {kind: rank(part, truths, 0, kind=kind, ignored=ignored) for kind in KINDS}
             table[name][column] = {
                 f"AP_{kind}": Sampled(ranking.average_precision(weights))
                 for kind, ranking in rankings.items()

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cnca.core.errors import RunError
+from cnca.core.errors import RunError, did_you_mean
 from cnca.core.options import COST, OUTPUT, WHAT, Flag
-from cnca.judge.rows import CONTROLS
+from cnca.judge.rows import CONTROLS, IGNORE, OTHERS
 
 OUT = Flag("Folder for results; a rerun goes on in it.", OUTPUT)
 DETECTORS = Flag("[NAME=]builtin, .cfg or .onnx; repeatable.", name="detector")
@@ -55,11 +55,17 @@ class EvaluationRequest:
         int | None, Flag("Rays per pixel instead of the scene's.", COST, name="spp")
     ] = None
     seed: Annotated[int, SEED] = 0
+    others: Annotated[
+        str, Flag("Other vehicles in the pictures: ignore them, or count as objects to find.", WHAT)
+    ] = IGNORE
 
     def __post_init__(self) -> None:
         """Raises RunError for what cannot be evaluated, SceneError for an unknown grid."""
         if not self.scenes:
             raise RunError("no --scene: give a scene file, or --photos with --labels")
+        if self.others not in OTHERS:
+            hint = did_you_mean(self.others, OTHERS)
+            raise RunError(f"--others {self.others}: there are {' and '.join(OTHERS)}{hint}")
         if self.views < 2:
             raise RunError(f"--views {self.views}: an interval needs at least two views")
         if self.grid is not None:

@@ -9,14 +9,12 @@ import torch
 from rich.console import Console
 
 from cnca.core.errors import RunError
-from cnca.core.types import Detections
 from cnca.jobs.evaluate import parts as evidence_parts
 from cnca.jobs.evaluate import photos
 from cnca.jobs.evaluate.photos import (
     evaluate_photos,
     judge_photos,
     read_photo,
-    without_ignored,
 )
 from cnca.jobs.evaluate.request import PhotoRequest
 from cnca.judge.labels import Photo
@@ -41,13 +39,18 @@ def test_numbers_are_those_of_pycocotools(tmp_path):
     assert results.comparisons == []
 
 
-def test_ignored_objects_are_neither_hit_nor_false_alarm():
-    objects, crowd = torch.tensor([[0.0, 0, 10, 10]]), torch.tensor([[0.0, 0, 60, 60]])
-    boxes = torch.tensor([[0.0, 0, 10, 9], [30.0, 30, 40, 40], [58.0, 58, 90, 90]])
-    found = Detections(boxes, torch.tensor([0.9, 0.8, 0.7]), torch.zeros(3, dtype=torch.long))
-    assert without_ignored(found, objects, crowd).scores.tolist() == pytest.approx([0.9, 0.7])
-    assert without_ignored(found, objects, torch.zeros(0, 4)) is found
-    assert len(without_ignored(found, torch.zeros(0, 4), crowd).scores) == 1
+def test_crowds_are_neither_hit_nor_false_alarm(tmp_path):
+    detections, truths = draw(3, images=15)
+    crowds = [torch.tensor([[5000.0, 5000, 6100, 6100]]) for _ in truths]
+    labelled = [
+        Photo(tmp_path / f"{i}.png", "normal", None, {"car": boxes.tolist()}, crowds[i].tolist())
+        for i, boxes in enumerate(truths)
+    ]
+    results = judge_photos(labelled, {"d": Seen(detections, NAMES)}, seed=0)
+    expected = pycocotools_precisions(detections, truths, None, crowds).mean()
+    assert expected > pycocotools_precisions(detections, truths, None).mean()
+    found = results.all["normal"]["d"]["car"]["AP_coco"]
+    assert found.value == pytest.approx(expected, abs=1e-4)  # rounded for JSON
 
 
 @pytest.fixture
