@@ -14,7 +14,7 @@ from cnca.core.types import Detections
 from cnca.detect import BUILTIN_CONFIG, detector_files
 from cnca.jobs.attack import run
 from cnca.jobs.evaluate import evaluation
-from cnca.jobs.evaluate.parts import Request
+from cnca.jobs.evaluate.request import EvaluationRequest as Request
 from cnca.scene.schema import load_scene
 from tests.fakes import BOX, FlatRenderer
 
@@ -50,7 +50,7 @@ def evaluate(monkeypatch, tmp_path):
         paths = [tmp_path / f"{label.strip()}{k}.yaml" for k in range(scenes)]
         for path in paths:
             path.write_text(SCENE.format(label=f"'{label}'"))
-        request = Request(tuple(paths), tmp_path / "out", views=4, controls=())
+        request = Request(tmp_path / "out", tuple(paths), views=4, controls=())
         results = evaluation.evaluate_scenes(request, QUIET)
         text = (request.out / "results.md").read_text()
         return results, {c: m["score"].value for c, m in results.all["normal"]["all"].items()}, text
@@ -90,7 +90,7 @@ def test_one_evaluation_is_of_one_kind_of_vehicle(tmp_path):
     for label in ("car", "bus"):
         paths.append(tmp_path / f"{label}.yaml")
         paths[-1].write_text(SCENE.format(label=label))
-    request = Request(tuple(paths), tmp_path / "out", views=4)
+    request = Request(tmp_path / "out", tuple(paths), views=4)
     with pytest.raises(RunError, match="vehicle.label is bus, and car in .*car.yaml; evaluate one"):
         evaluation.evaluate_scenes(request, QUIET)
 
