@@ -44,7 +44,7 @@ def sightings():
         if piece.name in labels
     )
     world = World("boards", pieces, {"wood": Surface()}, objects, ground=True)
-    renderer = MitsubaRenderer(build_sedan(), texture_size=8, samples=1, world=world)
+    renderer = MitsubaRenderer(build_sedan(), texture_size=8, samples=1, worlds=lambda spot: world)
     view = orbit_view(
         0, 0.0, DISTANCE, fov=45, width=SIDE, height=SIDE, target=(0.0, 0.0, 1.0), name="front"
     )
