@@ -35,7 +35,9 @@ def area(boxes: Boxes) -> Float[Tensor, "*batch"]:
     return (boxes[..., 2:] - boxes[..., :2]).clamp(min=0.0).prod(dim=-1)
 
 
-def iou(first: Boxes, second: Boxes) -> Float[Tensor, "*batch"]:
+def iou(
+    first: Float[Tensor, "*#batch 4"], second: Float[Tensor, "*#batch 4"]
+) -> Float[Tensor, "*#batch"]:
     """Intersection over union in [0, 1] of boxes that broadcast against each other.
 
     Differentiable; boxes without area overlap nothing (0, with a finite gradient).

@@ -17,7 +17,7 @@ from cnca.core.errors import RunError
 from cnca.core.files import replacing
 from cnca.core.types import Detections, SrgbImages
 
-SrgbPicture = UInt8[np.ndarray, "height width 3"]
+SrgbPicture = UInt8[np.ndarray, "_ _ 3"]
 Colour = tuple[int, int, int]
 Plate = tuple[int, int, int, int]
 """Left, top, right and bottom of the ground of a label, in pixels."""

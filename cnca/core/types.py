@@ -18,10 +18,10 @@ SrgbImages = Float[Tensor, "batch 3 height width"]
 LinearImages = Float[Tensor, "batch 3 height width"]
 """Linear radiance times the scene's exposure, ≥ 0, channels first: what renderers return."""
 
-SrgbTexture = Float[Tensor, "3 height width"]
+SrgbTexture = Float[Tensor, "3 rows columns"]
 """A UV texture as an ordinary picture in [0, 1]; row 0 is v = 1 (the top of the image file)."""
 
-LinearTexture = Float[Tensor, "3 height width"]
+LinearTexture = Float[Tensor, "3 rows columns"]
 """A UV texture as linear albedo in [0, 1]; row 0 is v = 1."""
 
 Boxes = Float[Tensor, "*batch 4"]

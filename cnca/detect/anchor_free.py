@@ -17,7 +17,7 @@ from cnca.detect.yolo import LARGEST_EXPONENT
 
 USUAL_SIZE = 4.0
 """Cells that an object is wide: where training starts."""
-Raw = Float[Tensor, "batch outputs rows columns"]
+Raw = Float[Tensor, "batch outputs _ _"]
 
 
 class AnchorFreeHead(nn.Module):

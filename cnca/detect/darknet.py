@@ -36,7 +36,7 @@ ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
     "elu": functional.elu,
 }
 
-Features = Float[Tensor, "batch channels height width"]
+Features = Float[Tensor, "batch _ _ _"]
 Outputs = Mapping[int, Features]
 Head = YoloHead | AnchorFreeHead
 
@@ -182,7 +182,7 @@ class Darknet(nn.Module):
 
     def forward(
         self, images: Float[Tensor, "batch 3 height width"]
-    ) -> list[Float[Tensor, "batch outputs rows columns"]]:
+    ) -> list[Float[Tensor, "batch _ _ _"]]:
         """Return the raw output of each head for RGB images in [0, 1] of the network's size."""
         x, raw = images, []
         kept: dict[int, Tensor] = {}

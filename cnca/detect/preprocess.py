@@ -15,6 +15,8 @@ from cnca.core.types import Boxes, SrgbImages
 Fit = Literal["stretch", "letterbox", "corner"]
 """Resize without regard to the aspect ratio; or keep it, the picture in the middle of the input; or
 keep it, the picture at the top left."""
+Resized = Float[Tensor, "batch 3 _ _"]
+"""Pictures of another size."""
 Triple = tuple[float, float, float]
 
 
@@ -41,8 +43,12 @@ class Entry:
 
     channels: Literal["rgb", "bgr"] = "rgb"
     white: float = 1.0
-    mean: Triple = (0.0, 0.0, 0.0)
-    std: Triple = (1.0, 1.0, 1.0)
+    mean: Resized = Float[Tensor, "batch 3 _ _"]
+"""Pictures of another size."""
+Triple = (0.0, 0.0, 0.0)
+    std: Resized = Float[Tensor, "batch 3 _ _"]
+"""Pictures of another size."""
+Triple = (1.0, 1.0, 1.0)
     fit: Fit = "stretch"
     fill: float | None = None
     """Grey beside the picture, 0 to 255; None is the colour that becomes 0 at the input."""
@@ -67,7 +73,7 @@ IMAGENET = Entry(mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225))
 """Mean and deviation of ImageNet's red, green, blue: what most backbones are trained with."""
 
 
-def stretch(images: SrgbImages, size: tuple[int, int]) -> tuple[SrgbImages, Placement]:
+def stretch(images: SrgbImages, size: tuple[int, int]) -> tuple[Resized, Placement]:
     """Resize to ``size`` (height, width) without regard to the aspect ratio."""
     height, width = size
     scale = (width / images.shape[3], height / images.shape[2])
@@ -80,7 +86,7 @@ def letterbox(
     colour: Float[Tensor, "3 1 1"] | float,
     *,
     centred: bool,
-) -> tuple[SrgbImages, Placement]:
+) -> tuple[Resized, Placement]:
     """Resize into ``size`` (height, width), keep the aspect ratio, fill the rest with ``colour``.
 
     The picture lies in the middle, or else at the top left.
@@ -95,9 +101,7 @@ def letterbox(
     return resized, Placement(scale, (float(left), float(top)))
 
 
-def _resize(
-    images: SrgbImages, size: tuple[int, int]
-) -> Float[Tensor, "batch 3 new_height new_width"]:
+def _resize(images: SrgbImages, size: tuple[int, int]) -> Resized:
     if tuple(images.shape[2:]) == size:
         return images
     # Anti-aliased, so that every pixel of the picture counts and receives a gradient.

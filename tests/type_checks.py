@@ -1,0 +1,35 @@
+"""What checks the shapes of every array that passes into and out of ``cnca`` during the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, get_args, get_origin
+
+from beartype import BeartypeConf, beartype
+from jaxtyping import AbstractArray
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def check(function: Function) -> Function:
+    """beartype for the annotations that hold arrays; mypy looks after all others.
+
+    Fakes of a test have the methods that it calls and no more: mypy, which sees no test, does not
+    mind, and beartype would.
+    """
+    hints = function.__annotations__
+    arrays = {name for name, hint in hints.items() if _holds_arrays(hint)}
+    if not arrays:
+        return function
+    for name in hints.keys() - arrays:
+        hints[name] = Any
+    # A whole number is a float, too (PEP 484), as mypy has it.
+    return beartype(function, conf=BeartypeConf(is_pep484_tower=True))
+
+
+def _holds_arrays(hint: Any) -> bool:
+    hint = getattr(hint, "__supertype__", hint)  # of a NewType
+    if isinstance(hint, type) and issubclass(hint, AbstractArray):
+        return True
+    # What a function takes and returns shows itself only when it is called.
+    return get_origin(hint) is not Callable and any(map(_holds_arrays, get_args(hint)))
