@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from cnca.attack.targets import Target, parse_targets
-from cnca.core.color import srgb_to_linear
+from cnca.core.color import decode
 from cnca.core.errors import (
     CncaError,
     GeneratorError,
@@ -117,7 +117,7 @@ def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:
     else:
         base = np.full((size, size, 3), section.paint, np.float32)
     return Paint(
-        torch.from_numpy(base).permute(2, 0, 1).contiguous().clamp(0, 1),
+        SrgbTexture(torch.from_numpy(base).permute(2, 0, 1).contiguous().clamp(0, 1)),
         torch.from_numpy(mask)[None].clamp(0, 1),
     )
 
@@ -150,7 +150,7 @@ def build_path_tracer(
     """
     from cnca.mi_bridge.renderer import MitsubaRenderer
 
-    ground = srgb_to_linear(torch.tensor(scene.ground.color))
+    ground = decode(torch.tensor(scene.ground.color))
     return MitsubaRenderer(
         vehicle,
         ground_albedo=ground.tolist(),
@@ -316,7 +316,7 @@ def build_targets(words: Sequence[str], label: str = CAR) -> list[Target]:
 
 def read_texture(path: str | Path) -> SrgbTexture:
     """A texture file as a tensor (3, height, width) in [0, 1]."""
-    return torch.from_numpy(read_texture_srgb(path)).permute(2, 0, 1).contiguous()
+    return SrgbTexture(torch.from_numpy(read_texture_srgb(path)).permute(2, 0, 1).contiguous())
 
 
 def vehicle_label(

@@ -1,14 +1,8 @@
-"""Types and shapes are checked in every test; a real browser for the tests of pages, if any."""
+"""A real browser for the tests of pages; they skip where the machine has none."""
 
 import shutil
 
-import jaxtyping
 import pytest
-
-from tests import type_checks
-
-# Before anything of cnca is imported: beartype checks each call, jaxtyping the shapes in it.
-jaxtyping.install_import_hook("cnca", f"{type_checks.__name__}.check")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

@@ -40,7 +40,7 @@ def jittered(
     half = boxes.new_tensor([width, height, width, height]) / 2
     centered = boxes / half - 1
     placed = (centered * scale[:, None] + shift.repeat(1, 2) + 1) * half
-    return moved, torch.minimum(placed.clamp(min=0), 2 * half)
+    return SrgbImages(moved), torch.minimum(placed.clamp(min=0), 2 * half)
 
 
 def _rng(view: View, seed: int) -> torch.Generator:

@@ -51,7 +51,9 @@ class Attack:
     ) -> LinearImages:
         """The images that the detector sees, corrected by the residual where there is one."""
         each = parallel.calls(views, seed)
-        return torch.cat([self._draw(albedo, some, weather, own) for some, own in each])
+        return LinearImages(
+            torch.cat([self._draw(albedo, some, weather, own) for some, own in each])
+        )
 
     def _draw(
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.core.types import SrgbTexture
+from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.gen.scorer import PromptScorer
 
 MARGIN = 0.03
@@ -26,11 +26,11 @@ class Style:
 
     def __call__(self, texture: SrgbTexture) -> Float[Tensor, ""]:
         """The cost of the texture, ≥ 0; 0 where it keeps its prompt score."""
-        score = self.scorer.score(texture[None], [self.prompt])[0, 0]
+        score = self.scorer.score(SrgbImages(texture[None]), [self.prompt])[0, 0]
         return self.weight * (self.reference - MARGIN - score).relu()
 
 
 def style_of(scorer: PromptScorer, prompt: str, unattacked: SrgbTexture, weight: float) -> Style:
     """The style term that holds on to what ``unattacked`` has of the prompt."""
-    reference = scorer.score(unattacked[None], [prompt]).item()
+    reference = scorer.score(SrgbImages(unattacked[None]), [prompt]).item()
     return Style(scorer, prompt, reference, weight)

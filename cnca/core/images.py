@@ -17,7 +17,7 @@ from PIL import Image
 from cnca.core.errors import TextureError, did_you_mean
 from cnca.core.files import replacing
 
-SrgbArray = Float[np.ndarray, "height width 3"]
+SrgbArray = Float[np.ndarray, "_ _ 3"]
 """Display-encoded red, green, blue in [0, 1], float32."""
 
 MOST_PIXELS = 8192**2

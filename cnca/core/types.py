@@ -1,30 +1,33 @@
 """Records that pass between the parts, with their shapes, units and value ranges.
 
-Colour spaces are part of a name's type: ``Srgb…`` values are display-encoded and lie in [0, 1],
+Color spaces are types of their own: ``Srgb…`` values are display-encoded and lie in [0, 1],
 ``Linear…`` values are proportional to radiance (images, ≥ 0) or are reflectances (albedo, [0, 1]).
+mypy takes none for another, nor a bare tensor for any: :mod:`cnca.core.color` converts, and
+``LinearImages(tensor)`` says what a tensor is where one begins; at run time that does nothing.
 Pixel boxes are ``xyxy`` (left, top, right, bottom) with the origin at the image's top left corner.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NewType
 
 from jaxtyping import Float, Int
 from torch import Tensor
 
-SrgbImages = Float[Tensor, "batch 3 height width"]
+SrgbImages = NewType("SrgbImages", Float[Tensor, "batch 3 height width"])
 """Display-encoded pictures in [0, 1], channels first: what detectors and people look at."""
 
-LinearImages = Float[Tensor, "batch 3 height width"]
+LinearImages = NewType("LinearImages", Float[Tensor, "batch 3 height width"])
 """Linear radiance times the scene's exposure, ≥ 0, channels first: what renderers return."""
 
-SrgbTexture = Float[Tensor, "3 rows columns"]
+SrgbTexture = NewType("SrgbTexture", Float[Tensor, "3 _ _"])
 """A UV texture as an ordinary picture in [0, 1]; row 0 is v = 1 (the top of the image file)."""
 
-LinearTexture = Float[Tensor, "3 rows columns"]
+LinearTexture = NewType("LinearTexture", Float[Tensor, "3 _ _"])
 """A UV texture as linear albedo in [0, 1]; row 0 is v = 1."""
 
-Boxes = Float[Tensor, "*batch 4"]
+Boxes = Float[Tensor, "... 4"]
 """Pixel boxes, xyxy."""
 
 

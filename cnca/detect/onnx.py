@@ -109,7 +109,7 @@ class OnnxDetector(CandidateDetector):
     @torch.no_grad()
     def candidates(self, images: SrgbImages) -> Candidates:
         """Return all boxes in pixels of ``images``, without gradient, on the images' device."""
-        inputs, placement = self.entry.prepare(images.float().cpu(), self.size)
+        inputs, placement = self.entry.prepare(SrgbImages(images.float().cpu()), self.size)
         parts = []
         for part in inputs.split(self.batch):
             # The batch of the graph is fixed: a smaller part is filled up with zeros.

@@ -15,9 +15,9 @@ from cnca.core.types import Boxes, SrgbImages
 Fit = Literal["stretch", "letterbox", "corner"]
 """Resize without regard to the aspect ratio; or keep it, the picture in the middle of the input; or
 keep it, the picture at the top left."""
+Triple = tuple[float, float, float]
 Resized = Float[Tensor, "batch 3 _ _"]
 """Pictures of another size."""
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,8 @@ class Entry:
 
     channels: Literal["rgb", "bgr"] = "rgb"
     white: float = 1.0
-    mean: Resized = Float[Tensor, "batch 3 _ _"]
-"""Pictures of another size."""
-Triple = (0.0, 0.0, 0.0)
-    std: Resized = Float[Tensor, "batch 3 _ _"]
-"""Pictures of another size."""
-Triple = (1.0, 1.0, 1.0)
+    mean: Triple = (0.0, 0.0, 0.0)
+    std: Triple = (1.0, 1.0, 1.0)
     fit: Fit = "stretch"
     fill: float | None = None
     """Grey beside the picture, 0 to 255; None is the colour that becomes 0 at the input."""
@@ -56,7 +52,7 @@ Triple = (1.0, 1.0, 1.0)
     def prepare(self, images: SrgbImages, size: tuple[int, int]) -> tuple[Tensor, Placement]:
         """Return the input of ``size`` (height, width), differentiable, and where pictures lie."""
         if self.channels == "bgr":
-            images = images.flip(1)
+            images = SrgbImages(images.flip(1))
         mean, std = (images.new_tensor(v)[:, None, None] for v in (self.mean, self.std))
         if self.fit == "stretch":
             fitted, placement = stretch(images, size)

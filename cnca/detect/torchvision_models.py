@@ -70,7 +70,7 @@ class TorchvisionDetector(CandidateDetector):
 
         Images of another type or device are brought to the model's, where the results stay.
         """
-        images = images.to(next(self.model.parameters()))
+        images = SrgbImages(images.to(next(self.model.parameters())))
         found = [self._fill(one) for one in self.model(list(images))]
         boxes, scores = (torch.stack(part) for part in zip(*found, strict=True))
         return Candidates(boxes, torch.ones_like(scores[..., 0]), scores)

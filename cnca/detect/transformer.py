@@ -68,7 +68,7 @@ class TransformersDetector(CandidateDetector):
 
         Images of another type or device are brought to the network's, where the results stay.
         """
-        images = images.to(next(self.model.parameters()))
+        images = SrgbImages(images.to(next(self.model.parameters())))
         height, width = size = self._size(images.shape[2], images.shape[3])
         inputs, placement = self.entry.prepare(images, size)
         found = self.model(pixel_values=inputs)

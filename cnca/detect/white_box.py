@@ -76,7 +76,7 @@ class DarknetDetector(CandidateDetector):
 
         Images of another type or device are brought to the network's, where the results stay.
         """
-        images = images.to(next(self.network.parameters()))
+        images = SrgbImages(images.to(next(self.network.parameters())))
         if self.keeps_aspect:
             inputs, placement = letterbox(images, self.size, 0.5, centred=True)
         else:

@@ -60,14 +60,14 @@ class Correction:
 
     part: tuple[EllipsisType, slice, slice]
     """Rows and columns; elsewhere nothing is corrected."""
-    gain: LinearImages
+    gain: Float[Tensor, "batch 3 height width"]
     offset: LinearImages
 
     def __call__(self, images: LinearImages) -> LinearImages:
         """X_ren, ≥ 0, of one image or several in this view; differentiable in the maps, too."""
         corrected = images.clone()
         corrected[self.part] = torch.addcmul(self.offset, self.gain, images[self.part]).clamp(min=0)
-        return corrected
+        return LinearImages(corrected)
 
 
 class _Corrected(torch.autograd.Function):
@@ -118,7 +118,7 @@ class EnvironmentFeatureRenderer(nn.Module):
         if not self.training:
             return _Corrected.apply(images, corrections)
         pairs = zip(images.split(1), corrections, strict=True)
-        return torch.cat([correction(image) for image, correction in pairs])
+        return LinearImages(torch.cat([correction(image) for image, correction in pairs]))
 
     def train(self, mode: bool = True) -> EnvironmentFeatureRenderer:
         """Begin or end training; what is kept would not know of other weights."""
@@ -139,14 +139,19 @@ class EnvironmentFeatureRenderer(nn.Module):
     def _correction(self, traced: LinearImages, drawn: LinearImages) -> Correction:
         vehicle = (traced != drawn).any(dim=1, keepdim=True)
         part = (..., _extent(vehicle.any(dim=3)), _extent(vehicle.any(dim=2)))
-        vehicle, traced, drawn = vehicle[part], traced[part], drawn[part]
+        vehicle = vehicle[part]
+        traced, drawn = (LinearImages(image[part]) for image in (traced, drawn))
         if not vehicle.any():
             return Correction(part, traced, drawn)
         k_hat = paint_slope(traced, drawn)
         multiply, add = self._maps(traced, drawn, k_hat).chunk(2, dim=1)
         multiply = self.slope * (k_hat - 1) + multiply
         add = self.left_out * (traced - drawn) - multiply * drawn + add
-        return Correction(part, torch.where(vehicle, 1 + multiply, 1), torch.where(vehicle, add, 0))
+        return Correction(
+            part,
+            torch.where(vehicle, 1 + multiply, 1),
+            LinearImages(torch.where(vehicle, add, 0)),
+        )
 
     def _maps(self, *pictures: Tensor) -> Float[Tensor, "1 6 height width"]:
         """The network's m and a, one after the other."""

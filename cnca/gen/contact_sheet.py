@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side
+from cnca.core.types import SrgbImages
 from cnca.scene.protocols import TextureGenerator
 
 
@@ -16,9 +17,11 @@ def contact_sheet(
 ) -> SrgbPicture:
     """One column for each prompt under its caption, one row for each seed of the noise."""
     features = [generator.encode(prompt) for prompt in prompts]
-    textures = [
+    textures: list[torch.Tensor] = [
         generator.generate(feature, None, torch.Generator().manual_seed(seed))
         for seed in seeds
         for feature in features
     ]
-    return side_by_side(as_pictures(torch.stack(textures)), prompts, columns=len(prompts))
+    return side_by_side(
+        as_pictures(SrgbImages(torch.stack(textures))), prompts, columns=len(prompts)
+    )

@@ -133,7 +133,7 @@ class DiffusionTextureGenerator:
         latents = self.sample(
             text_feature, adversarial_feature, generator, noises=noises, together=together
         )
-        return self._decode(latents).to(text_feature.device)
+        return SrgbTexture(self._decode(latents).to(text_feature.device))
 
     def sample(
         self,
@@ -143,7 +143,7 @@ class DiffusionTextureGenerator:
         *,
         noises: Noises | None = None,
         together: bool = False,
-    ) -> Float[Tensor, "1 channels height width"]:
+    ) -> Float[Tensor, "1 channels rows columns"]:
         """Return the latents x_0 from which :meth:`generate` decodes the texture."""
         condition = self._condition(text_feature, adversarial_feature)
         condition = condition.to(self._pipeline.unet.device)
@@ -178,7 +178,7 @@ class DiffusionTextureGenerator:
 
     def _condition(
         self, text_feature: TextFeature, adversarial_feature: Tensor | None
-    ) -> Float[Tensor, "branches tokens width"]:
+    ) -> Float[Tensor, "branches read width"]:
         """Stack what the branches read: with guidance the unconditional one first.
 
         ``concat``: F_adv comes first, as in equation 8, each of its tokens added to a padding token
@@ -202,13 +202,13 @@ class DiffusionTextureGenerator:
 
     def _ddim_step(
         self,
-        latents: Float[Tensor, "1 channels height width"],
+        latents: Float[Tensor, "1 channels rows columns"],
         t: Tensor,
-        condition: Float[Tensor, "branches tokens width"],
-        noise: Float[Tensor, "1 channels height width"] | None,
+        condition: Float[Tensor, "branches read width"],
+        noise: Float[Tensor, "1 channels rows columns"] | None,
         *,
         together: bool,
-    ) -> Float[Tensor, "1 channels height width"]:
+    ) -> Float[Tensor, "1 channels rows columns"]:
         """x_t → x_{t−1}; deterministic without noise."""
         predict = partial(self._predict, latents, t, condition)
         predicted = parallel.divided(predict, len(condition)) if together else predict(slice(None))
@@ -222,7 +222,7 @@ class DiffusionTextureGenerator:
 
     def _predict(
         self, latents: Tensor, t: Tensor, condition: Tensor, branches: slice
-    ) -> Float[Tensor, "branches channels height width"]:
+    ) -> Float[Tensor, "branches channels rows columns"]:
         """What the U-Net predicts of x_t in some of the branches."""
         condition = condition[branches]
         same = latents.expand(len(condition), -1, -1, -1)
@@ -232,7 +232,7 @@ class DiffusionTextureGenerator:
             )[0]
         return predicted.to(latents)
 
-    def _decode(self, latents: Float[Tensor, "1 channels height width"]) -> SrgbTexture:
+    def _decode(self, latents: Float[Tensor, "1 channels rows columns"]) -> SrgbTexture:
         vae = self._pipeline.vae
         decoded = vae.decode(latents / vae.config.scaling_factor, return_dict=False)[0][0]
         if not torch.isfinite(decoded).all():

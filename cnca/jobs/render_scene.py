@@ -16,7 +16,7 @@ from cnca.core.errors import RunError
 from cnca.core.images import write_exr
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import as_pictures, write_png
-from cnca.core.types import LinearImages
+from cnca.core.types import LinearImages, LinearTexture
 from cnca.effects.effect import Model
 from cnca.effects.explain import explain
 from cnca.effects.plan import Demand
@@ -96,7 +96,7 @@ def _timed(
 ) -> tuple[LinearImages, float]:
     """The picture and its seconds; a first call makes kernels, sky and fog."""
     started = time.perf_counter()
-    images = renderer.render(albedo, [view], scene.weather(), seed=seed)
+    images = renderer.render(LinearTexture(albedo), [view], scene.weather(), seed=seed)
     return images, round(time.perf_counter() - started, 4)
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import torch
 from rich.console import Console
-from torch import Tensor
 
 from cnca import build
 from cnca.core import parallel
@@ -24,7 +23,7 @@ from cnca.core.errors import RunError
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
-from cnca.core.types import PlainPictures, SrgbTexture
+from cnca.core.types import LinearImages, LinearTexture, PlainPictures, SrgbTexture
 from cnca.gen import textures
 from cnca.jobs.datasets.carla import fit_frame
 from cnca.judge.held_out import HELD_OUT_SEED
@@ -72,19 +71,27 @@ class Studio:
         shading = TracedShading(self._kept, TRUTH_SAMPLES, seed=TRUTH_SEED)
         truth = LookupRenderer(self._kept, shading)
         renders, truths = (
-            torch.cat([each.render(albedo, [view], weather, seed=seed) for albedo in albedos])
+            LinearImages(
+                torch.cat([each.render(albedo, [view], weather, seed=seed) for albedo in albedos])
+            )
             for each in (self._loop, truth)
         )
         return self._cut_out(view, weather, renders, truths, seed=seed)
 
     @torch.no_grad()
-    def photograph(self, view: View, weather: Weather, photograph: Tensor) -> Shot:
+    def photograph(self, view: View, weather: Weather, photograph: LinearTexture) -> Shot:
         """One view in the plain paint, the truth a linear photograph (3, height, width)."""
         render = self._loop.render(self._paint.apply(), [view], weather, seed=0)
-        return self._cut_out(view, weather, render, photograph[None], seed=0)
+        return self._cut_out(view, weather, render, LinearImages(photograph[None]), seed=0)
 
     def _cut_out(
-        self, view: View, weather: Weather, renders: Tensor, truths: Tensor, *, seed: int
+        self,
+        view: View,
+        weather: Weather,
+        renders: LinearImages,
+        truths: LinearImages,
+        *,
+        seed: int,
     ) -> Shot:
         """The part of all pictures that the vehicle touches."""
         mask = torch.zeros(view.height * view.width)
@@ -97,9 +104,11 @@ class Studio:
             slice(int(columns[0]), int(columns[-1]) + 1),
         )
         (plain,) = self._loop.reference([view], weather, seed=seed)
-        each = (plain.traced, plain.drawn, renders, truths, mask)
-        traced, drawn, *others = (picture[part].clone() for picture in each)
-        return Shot(PlainPictures(traced, drawn), *others)
+        traced, drawn, renders, truths = (
+            LinearImages(picture[part].clone())
+            for picture in (plain.traced, plain.drawn, renders, truths)
+        )
+        return Shot(PlainPictures(traced, drawn), renders, truths, mask[part].clone())
 
 
 def train_efr(
@@ -224,7 +233,7 @@ def _renders(
 def _texture(rng: np.random.Generator, *, natural: bool) -> SrgbTexture:
     """For the training one colour or random blocks; for the test patterns as prompts name them."""
     if natural:
-        return torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
+        return SrgbTexture(torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float())
     chance = torch.Generator().manual_seed(int(rng.integers(2**31)))
     blocks = int(np.exp(rng.uniform(0, np.log(48))))
     return controls.random_blocks(256, chance, blocks=blocks)
@@ -243,6 +252,6 @@ def _frames(
         for source in shown.track(parallel.share(sources), description="frames"):
             frame = read_carla_frame(source)
             fit = fit_frame(studio.vehicle, frame, fov=90.0, name=source.stem)
-            photograph = srgb_to_linear(torch.from_numpy(frame.image).permute(2, 0, 1))
+            photograph = srgb_to_linear(SrgbTexture(torch.from_numpy(frame.image).permute(2, 0, 1)))
             shots.append(studio.photograph(fit.view, scene.weather(), photograph))
     return parallel.gathered(shots)

@@ -172,4 +172,4 @@ def _read_array(path: Path) -> np.ndarray:
 
 
 def _as_texture(picture: SrgbArray) -> SrgbTexture:
-    return torch.from_numpy(picture).permute(2, 0, 1).float().contiguous()
+    return SrgbTexture(torch.from_numpy(picture).permute(2, 0, 1).float().contiguous())

@@ -53,7 +53,7 @@ def photograph(renderer: Renderer, albedo: LinearTexture, shots: Shots, weather:
     rendered = renderer.render(
         albedo, shots.views[weather], shots.weathers[weather], seed=shots.seed + weather
     )
-    return (linear_to_srgb(rendered) * 255).round() / 255
+    return SrgbImages((linear_to_srgb(rendered) * 255).round() / 255)
 
 
 def look(detector: Detector, images: SrgbImages) -> list[Detections]:
@@ -77,12 +77,12 @@ def evaluate(
     boxes = torch.cat([renderer.vehicle_boxes(views) for views in shots.views])
     results: dict[str, dict[str, Result]] = {target.name: {} for target in targets}
     for name, albedo in albedos.items():
-        images = []
+        images: list[torch.Tensor] = []
         for weather in range(len(shots.weathers)):
             images.append(photograph(renderer, albedo, shots, weather))
             advance()
         for target in targets:
-            results[target.name][name] = _judge(target, torch.cat(images), boxes)
+            results[target.name][name] = _judge(target, SrgbImages(torch.cat(images)), boxes)
     return results
 
 

@@ -86,7 +86,7 @@ def kept_pictures(path: Path, key: str, take: Callable[[], SrgbImages]) -> SrgbI
     def make() -> Arrays:
         return {"pictures": (take() * 255).round().byte().cpu().numpy()}
 
-    return torch.from_numpy(recall(path, key, make)["pictures"]).float() / 255
+    return SrgbImages(torch.from_numpy(recall(path, key, make)["pictures"]).float() / 255)
 
 
 def kept_detections(path: Path, key: str, look: Callable[[], list[Detections]]) -> list[Detections]:

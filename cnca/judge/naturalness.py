@@ -13,7 +13,7 @@ from torch import Tensor
 
 from cnca.core.errors import RunError
 from cnca.core.images import read_texture_srgb
-from cnca.core.types import SrgbTexture
+from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.gen.scorer import PromptScorer
 
 COLOUR_SIDE = 32
@@ -50,7 +50,7 @@ def naturalness(
     """
     real, chroma = _colours(texture)
     return Naturalness(
-        prompt_score=scorer.score(texture[None], [prompt]).item(),
+        prompt_score=scorer.score(SrgbImages(texture[None]), [prompt]).item(),
         distance=(texture - unattacked).square().mean().sqrt().item(),
         total_variation=total_variation(texture),
         real_colours=real,
@@ -65,7 +65,7 @@ def of_run(folder: Path, prompt: str, scorer: PromptScorer) -> Naturalness:
         if not (folder / name).exists():
             raise RunError(f"{folder}: no {name}; finish the run first")
         textures.append(torch.from_numpy(read_texture_srgb(folder / name)).permute(2, 0, 1))
-    return naturalness(textures[0], textures[1], prompt, scorer)
+    return naturalness(SrgbTexture(textures[0]), SrgbTexture(textures[1]), prompt, scorer)
 
 
 def total_variation(texture: SrgbTexture) -> float:

@@ -62,7 +62,7 @@ class KeptBackgrounds:
         vehicle = self._vehicle(albedo, views, weather, kept, pixels, seed=seed)
         background = torch.stack([b.image for b in kept]).permute(0, 2, 3, 1).reshape(-1, 3)
         images = background.index_copy(0, torch.from_numpy(pixels), vehicle)
-        return images.reshape(len(views), height, width, 3).permute(0, 3, 1, 2)
+        return LinearImages(images.reshape(len(views), height, width, 3).permute(0, 3, 1, 2))
 
     def _vehicle(
         self,
@@ -120,7 +120,7 @@ class KeptBackgrounds:
             image = image.index_copy(0, torch.from_numpy(kept.pixels), vehicle)
             image = image.reshape(1, *kept.image.shape[1:], 3).permute(0, 3, 1, 2)
             self._references[view, weather] = image
-        return self._references[view, weather]
+        return LinearImages(self._references[view, weather])
 
     @property
     def megabytes(self) -> float:

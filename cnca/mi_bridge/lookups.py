@@ -67,7 +67,7 @@ class LookupRenderer:
         size = self.kept.renderer.geometry.texture_size
         texture = albedo.expand(3, size, size)
         images = look_up(ALBEDO_FLOOR + (1 - ALBEDO_FLOOR) * texture, pictures)
-        return images.reshape(-1, view.height, view.width, 3).permute(0, 3, 1, 2)
+        return LinearImages(images.reshape(-1, view.height, view.width, 3).permute(0, 3, 1, 2))
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4), xyxy in pixels; see :class:`KeptBackgrounds`."""

@@ -132,7 +132,7 @@ class MitsubaRenderer:
             BackendError: there is too little memory.
         """
         chosen = self.plan(albedo, views, weather, demand=demand)
-        return self._expose(albedo, views, chosen, None, seed).permute(0, 3, 1, 2)
+        return LinearImages(self._expose(albedo, views, chosen, None, seed).permute(0, 3, 1, 2))
 
     def render_pixels(
         self,
@@ -194,7 +194,7 @@ class MitsubaRenderer:
         part: _Part = WHOLE,
     ) -> Float[torch.Tensor, "*film 3"]:
         if chosen["gradient"] == "off":
-            albedo = albedo.detach()
+            albedo = LinearTexture(albedo.detach())
         shots = self.shots(chosen, views, pixels, seed=seed, part=part)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)

@@ -200,7 +200,7 @@ def exposed_volpath(
         inside=shot.geometry.local(view).origin[2] < fog.height,
     )
     exposed = torch.from_numpy(np.float32(picture * np.array(shot.exposure)))
-    return exposed.permute(0, 3, 1, 2)
+    return LinearImages(exposed.permute(0, 3, 1, 2))
 
 
 class PrbVolpath:

@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from cnca.core.color import srgb_to_linear
+from cnca.core.color import decode
 from cnca.mi_bridge.variant import mi
 from cnca.world.model import Piece, Surface, World
 
-LINEAR = srgb_to_linear(torch.arange(256, dtype=torch.float64) / 255).numpy()
+LINEAR = decode(torch.arange(256, dtype=torch.float64) / 255).numpy()
 """8-bit sRGB → linear."""
 
 

@@ -16,6 +16,7 @@ from matplotlib import pyplot as plt
 from cnca.core.detections import ALARM
 from cnca.core.files import replacing
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side
+from cnca.core.types import SrgbImages
 from cnca.judge.records import SectionScores
 from cnca.judge.stage import Eye, Stage
 from cnca.judge.verdict import Seen
@@ -91,7 +92,7 @@ def contact_sheet(
     for row, by_detector in seen.items():
         for view in chosen:
             weather, place = stage.places[view]
-            picture = as_pictures(stage.pictures(row, weather)[place : place + 1])[0]
+            picture = as_pictures(SrgbImages(stage.pictures(row, weather)[place : place + 1]))[0]
             found = by_detector[eye.name]
             sure = found.detections[first + view].above(ALARM)
             tiles.append(draw_boxes(picture, sure, found.class_names, boxes[view]))

@@ -99,12 +99,12 @@ def _turn(scene: Scene, subject: Subject, kept: Path, frames: int, console: Cons
         renderer = build.build_renderer(scene, vehicle, samples=SAMPLES)
         with bar(console) as shown:
             task = shown.add_task(f"turntable of {subject.name}", total=frames)
-            taken = []
+            taken: list[torch.Tensor] = []
             for view in views:
                 shots = Shots([[view]], [scene.weather()], 0)
                 taken.append(photograph(renderer, albedo, shots, 0))
                 shown.advance(task)
-        return torch.cat(taken)
+        return SrgbImages(torch.cat(taken))
 
     name = re.sub(r"[^\w.+-]", "_", subject.name)
     return kept_pictures(kept / f"{name}.npz", key, take)

@@ -16,20 +16,20 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from cnca.core.color import linear_to_srgb, srgb_to_linear
-from cnca.core.types import SrgbTexture
+from cnca.core.types import LinearTexture, SrgbTexture
 
 Mask = Float[Tensor, "1 height width"]
 
 
 def uniform(size: int, generator: torch.Generator) -> SrgbTexture:
     """One random color, (3, size, size)."""
-    return torch.rand(3, 1, 1, generator=generator).expand(3, size, size).clone()
+    return SrgbTexture(torch.rand(3, 1, 1, generator=generator).expand(3, size, size).clone())
 
 
 def random_blocks(size: int, generator: torch.Generator, *, blocks: int = 11) -> SrgbTexture:
     """``blocks`` × ``blocks`` squares of random colors, (3, size, size)."""
     colors = torch.rand(1, 3, blocks, blocks, generator=generator)
-    return F.interpolate(colors, size=(size, size), mode="nearest")[0]
+    return SrgbTexture(F.interpolate(colors, size=(size, size), mode="nearest")[0])
 
 
 def mean_color(texture: SrgbTexture, mask: Mask | None = None) -> SrgbTexture:
@@ -38,7 +38,8 @@ def mean_color(texture: SrgbTexture, mask: Mask | None = None) -> SrgbTexture:
     The mean is that of linear light.
     """
     linear = srgb_to_linear(texture)[:, _painted(texture, mask)].mean(dim=1)
-    return linear_to_srgb(linear)[:, None, None].expand(texture.shape).clone()
+    one_texel = linear_to_srgb(LinearTexture(linear[:, None, None]))
+    return SrgbTexture(one_texel.expand(texture.shape).clone())
 
 
 def mirrored(
@@ -50,7 +51,7 @@ def mirrored(
     """
     painted = _painted(texture, mask)
     filled = shuffled(texture, generator, mask=mask)
-    return torch.where(painted.flip(-1), texture.flip(-1), filled)
+    return SrgbTexture(torch.where(painted.flip(-1), texture.flip(-1), filled))
 
 
 def shuffled(
@@ -75,13 +76,13 @@ def shuffled(
     share = _shares(painted, side).flatten()
     inner, edge = torch.where(share == 1)[0], torch.where((share > 0) & (share < 1))[0]
     if len(inner) == 0:
-        return result
+        return SrgbTexture(result)
     moved = tiles.clone()
     moved[inner] = tiles[inner[torch.randperm(len(inner), generator=generator)]]
     moved[edge] = tiles[inner[torch.randint(len(inner), edge.shape, generator=generator)]]
     moved = moved.unflatten(0, (rows, columns)).permute(2, 0, 3, 1, 4)
     result[:, : rows * side, : columns * side] = moved.flatten(3).flatten(1, 2)
-    return result
+    return SrgbTexture(result)
 
 
 def _painted(texture: SrgbTexture, mask: Mask | None) -> Bool[Tensor, "height width"]:

@@ -30,11 +30,13 @@ class Paint:
         """
         if texture is None:
             return srgb_to_linear(self.base)
-        return srgb_to_linear(torch.lerp(self.base, self.resize(texture), self.mask))
+        return srgb_to_linear(SrgbTexture(torch.lerp(self.base, self.resize(texture), self.mask)))
 
     def resize(self, texture: SrgbTexture) -> SrgbTexture:
         """``texture`` at the size of the base, as :meth:`apply` takes it."""
         size = self.base.shape[-2:]
-        return F.interpolate(
-            texture[None], size=size, mode="bilinear", align_corners=False, antialias=True
-        )[0].clamp(0, 1)
+        return SrgbTexture(
+            F.interpolate(
+                texture[None], size=size, mode="bilinear", align_corners=False, antialias=True
+            )[0].clamp(0, 1)
+        )

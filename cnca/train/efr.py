@@ -165,7 +165,9 @@ def _share(shot: Shot) -> tuple[Shot, float]:
     if len(shot.renders) < parallel.count():
         return shot, 1 / parallel.count()
     renders, truths = parallel.share(shot.renders), parallel.share(shot.truths)
-    return Shot(shot.plain, renders, truths, shot.mask), len(renders) / len(shot.renders)
+    return Shot(shot.plain, LinearImages(renders), LinearImages(truths), shot.mask), len(
+        renders
+    ) / len(shot.renders)
 
 
 def _corrected(network: EnvironmentFeatureRenderer, shot: Shot) -> LinearImages:

@@ -50,7 +50,7 @@ class ScorerTask(Task[tuple[SrgbImages, list[str]]]):
         """Varied pictures and their captions."""
         chosen = torch.randint(len(self._small), (self._batch,), generator=rng)
         captions = [self._captions[i] for i in chosen.tolist()]
-        return varied(self._small[chosen], rng), captions
+        return varied(SrgbImages(self._small[chosen]), rng), captions
 
     def losses(
         self, batch: tuple[SrgbImages, list[str]], rng: torch.Generator
@@ -102,12 +102,12 @@ def contrastive_loss(scorer: BagScorer, pictures: SrgbImages, captions: Sequence
 def varied(pictures: SrgbImages, generator: torch.Generator) -> SrgbImages:
     """Mirrored and shifted around at random, half of them blurred as a generator's are."""
     flips = torch.rand(len(pictures), 1, 1, 1, generator=generator) < 0.5
-    pictures = torch.where(flips, pictures.flip(3), pictures)
+    pictures = SrgbImages(torch.where(flips, pictures.flip(3), pictures))
     shift = torch.randint(pictures.shape[-1], (2,), generator=generator).tolist()
-    pictures = pictures.roll(shift, dims=(2, 3))
+    pictures = SrgbImages(pictures.roll(shift, dims=(2, 3)))
     blurred = F.avg_pool2d(F.pad(pictures, (1, 1, 1, 1), mode="reflect"), 3, stride=1)
     soft = torch.rand(len(pictures), 1, 1, 1, generator=generator) < 0.5
-    return torch.where(soft, blurred, pictures)
+    return SrgbImages(torch.where(soft, blurred, pictures))
 
 
 def shrunk(pictures: np.ndarray) -> SrgbImages:
@@ -116,7 +116,7 @@ def shrunk(pictures: np.ndarray) -> SrgbImages:
     for start in range(0, len(pictures), 64):
         whole = torch.from_numpy(pictures[start : start + 64].copy()).permute(0, 3, 1, 2)
         chunks.append(F.interpolate(whole / 255.0, (SIDE, SIDE), mode="bilinear", antialias=True))
-    return torch.cat(chunks)
+    return SrgbImages(torch.cat(chunks))
 
 
 def held_out_textures(count: int, seed: int) -> tuple[SrgbImages, list[str]]:
@@ -124,5 +124,6 @@ def held_out_textures(count: int, seed: int) -> tuple[SrgbImages, list[str]]:
     drawn = [
         textures.sample(np.random.default_rng([seed + HELD_OUT_SEED, i])) for i in range(count)
     ]
-    pictures = np.stack([np.clip(one.picture, 0, 1) for one in drawn]).astype(np.float32)
-    return torch.from_numpy(pictures).permute(0, 3, 1, 2), [one.caption for one in drawn]
+    pictures = np.stack([np.clip(texture.picture, 0, 1) for texture in drawn]).astype(np.float32)
+    images = SrgbImages(torch.from_numpy(pictures).permute(0, 3, 1, 2))
+    return images, [texture.caption for texture in drawn]

@@ -9,7 +9,7 @@ import torch
 import trimesh
 from jaxtyping import Float, UInt8
 
-from cnca.core.color import srgb_to_linear
+from cnca.core.color import decode
 from cnca.scene.materials import LinearRgb
 from cnca.world.model import Surface
 
@@ -95,7 +95,7 @@ def _unit(values: Any) -> Float[np.ndarray, " channels"]:
 
 
 def _linear(srgb: Float[np.ndarray, "3"]) -> LinearRgb:
-    return _rgb(srgb_to_linear(torch.from_numpy(np.asarray(srgb, np.float64))).numpy())
+    return _rgb(decode(torch.from_numpy(np.asarray(srgb, np.float64))).numpy())
 
 
 def _rgb(values: Float[np.ndarray, "3"]) -> LinearRgb:

@@ -22,6 +22,7 @@ from cnca.core.errors import RunError
 from cnca.core.manifest import versions, write_json
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
+from cnca.core.types import LinearTexture
 from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan
@@ -111,14 +112,16 @@ class Studio:
     def plan(self, demand: Demand) -> EffectPlan:
         """What the demand comes to in this case."""
         case = self.case
-        return self.renderer.plan(case.albedo, [case.view], case.weather, demand=demand)
+        return self.renderer.plan(
+            LinearTexture(case.albedo), [case.view], case.weather, demand=demand
+        )
 
     @torch.no_grad()
     def picture(self, demand: Demand, seed: int) -> Pixels:
         """Pixels of the vehicle."""
         case = self.case
         image = self.renderer.render(
-            case.albedo, [case.view], case.weather, seed=seed, demand=demand
+            LinearTexture(case.albedo), [case.view], case.weather, seed=seed, demand=demand
         )
         return vehicle_pixels(image, self.mask)
 

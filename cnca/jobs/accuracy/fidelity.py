@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from cnca.core.color import linear_to_srgb
+from cnca.core.color import encode
 
 DARK = 0.01
 """Squared radiance at which an error goes over from relative to absolute."""
@@ -104,5 +104,5 @@ def _mean_and_error(values: Pixels) -> tuple[float, float]:
 
 
 def _lab(linear: Pixels) -> Pixels:
-    shown = linear_to_srgb(torch.from_numpy(linear)).numpy()
+    shown = encode(torch.from_numpy(linear)).numpy()
     return np.asarray(colour.XYZ_to_Lab(colour.sRGB_to_XYZ(shown)))

@@ -17,6 +17,7 @@ from cnca.core.errors import RunError
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
+from cnca.core.types import LinearImages
 from cnca.detect import detector_files
 from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Model, Numbered
@@ -83,7 +84,7 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
     squares = [squared_error(picture, halves) for picture in pictures]
     bias, uncertainty = np.mean([squared_bias(pair, halves) for pair in pairs], axis=0)
     mean, mean_error = mean_bias(pictures, halves)
-    truth = bench.score((first + second) / 2)
+    truth = bench.score(LinearImages((first + second) / 2))
     agreements = [gradient_agreement(g, reference.gradient_halves()) for g in gradients]
     cosine, length = np.mean(agreements, axis=0)
     plan = bench.plan(rung.demand)

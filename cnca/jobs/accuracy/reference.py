@@ -17,7 +17,7 @@ from cnca.core.detections import LEAST_SCORE
 from cnca.core.files import replacing
 from cnca.core.manifest import DRAWING, hashes, program
 from cnca.core.progress import bar
-from cnca.core.types import LinearImages
+from cnca.core.types import LinearImages, LinearTexture
 from cnca.effects.plan import Demand, EffectPlan
 from cnca.jobs.accuracy.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
 from cnca.judge.gallery import digest
@@ -63,15 +63,19 @@ class Bench:
         view = replace(self.view, width=width, height=height)
         albedo = self.albedo.clone().requires_grad_()
         started = time.process_time()
-        image = self.renderer.render(albedo, [view], self.weather, seed=seed, demand=demand)
+        image = self.renderer.render(
+            LinearTexture(albedo), [view], self.weather, seed=seed, demand=demand
+        )
         rendered = time.process_time()
         if scale != 1:
             size = (self.view.height, self.view.width)
-            image = functional.interpolate(image, size, mode="bilinear", antialias=False)
+            image = LinearImages(
+                functional.interpolate(image, size, mode="bilinear", antialias=False)
+            )
         image[0, :, torch.from_numpy(self.mask)].mean().backward()
         seconds = {"forward": rendered - started, "backward": time.process_time() - rendered}
         assert albedo.grad is not None
-        return image.detach(), albedo.grad, seconds
+        return LinearImages(image.detach()), albedo.grad, seconds
 
     def volpath(self, demand: Demand, seed: int) -> LinearImages:
         """The same view by Mitsuba's own volumetric path tracer, which gives no gradient."""
@@ -102,12 +106,13 @@ class Reference:
 
     rounds: int = 0
     seconds: float = 0.0
-    pictures: list[LinearImages] = field(default_factory=list)
+    pictures: list[Tensor] = field(default_factory=list)
     gradients: list[Tensor] = field(default_factory=list)
 
     def picture_halves(self) -> tuple[LinearImages, LinearImages]:
         """Mean picture of each half."""
-        return self.pictures[0] / self.rounds, self.pictures[1] / self.rounds
+        first, second = (LinearImages(total / self.rounds) for total in self.pictures)
+        return first, second
 
     def gradient_halves(self) -> tuple[Tensor, Tensor]:
         """Mean gradient of each half."""

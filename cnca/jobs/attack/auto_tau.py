@@ -10,6 +10,7 @@ from rich.console import Console
 from cnca.attack.variables import origin
 from cnca.core.errors import RunError
 from cnca.core.manifest import write_json
+from cnca.core.types import SrgbImages
 from cnca.gen.scorer import PromptScorer
 from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import build_generator
@@ -99,4 +100,4 @@ def _score_of_prompt(request: Request, scorer: PromptScorer) -> float:
     settings, generator = request.settings, build_generator(request)
     prompt = settings.prompt
     texture = origin(generator, settings).texture(generator, prompt, settings.seed)
-    return scorer.score(texture[None], [prompt]).item()
+    return scorer.score(SrgbImages(texture[None]), [prompt]).item()

@@ -21,7 +21,7 @@ from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.core.progress import bar
-from cnca.core.types import SrgbTexture
+from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack.request import Request
 from cnca.judge.evaluate import Result, evaluate
@@ -99,7 +99,7 @@ def _before_after(results: dict[str, Result], target: Target) -> SrgbPicture:
         result = results[name]
         for i in shown_views(len(result.images)):
             sure = result.detections[i].above(ALARM)
-            picture = as_pictures(result.images[i : i + 1])[0]
+            picture = as_pictures(SrgbImages(result.images[i : i + 1]))[0]
             tiles.append(draw_boxes(picture, sure, target.detector.class_names, result.boxes[i]))
             captions.append(f"{name}: score {result.scores[i]:.2f}")
     return side_by_side(tiles, captions, columns=len(tiles) // 2)

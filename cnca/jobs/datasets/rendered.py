@@ -24,7 +24,7 @@ from cnca.core.manifest import hashes
 from cnca.core.pictures import SrgbPicture, as_pictures
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
-from cnca.core.types import LinearTexture
+from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
 from cnca.effects.plan import Demand
 from cnca.jobs.datasets.layout import DataSet, Mask
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
@@ -129,7 +129,7 @@ class _Stage:
             self._albedo(setting.colour), [view], weather, on_vehicle, seed=seed
         )
         image = around.index_copy(0, torch.from_numpy(on_vehicle), vehicle)
-        image = image.reshape(1, *mask.shape, 3).permute(0, 3, 1, 2)
+        image = LinearImages(image.reshape(1, *mask.shape, 3).permute(0, 3, 1, 2))
         fog = setting.weather.fog
         sight = f", {fog.visibility:.0f} m" if fog else ""
         record = RenderedRecord(
@@ -141,7 +141,7 @@ class _Stage:
         return as_pictures(linear_to_srgb(image))[0], mask, record
 
     def _make_albedo(self, colour: str) -> LinearTexture:
-        return self._paint.apply(torch.tensor(COLOURS[colour]).reshape(3, 1, 1))
+        return self._paint.apply(SrgbTexture(torch.tensor(COLOURS[colour]).reshape(3, 1, 1)))
 
     def _render_around(self, view: View, weather: Weather) -> tuple[Tensor, Mask]:
         """All pixels (height · width, 3), black where the vehicle's mask is not 0, and the mask."""

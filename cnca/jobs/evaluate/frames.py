@@ -56,8 +56,10 @@ class OverFrames:
         """B + X_ren in linear radiance, (views, 3, height, width)."""
         rendered = self.renderer.render(albedo, views, weather, seed=seed)
         mask = torch.from_numpy(self.renderer.vehicle_mask(views)).to(rendered)[:, None]
-        photographed = srgb_to_linear(torch.cat([self._photographs[view] for view in views]))
-        return torch.lerp(photographed, rendered, mask)
+        photographed = srgb_to_linear(
+            SrgbImages(torch.cat([self._photographs[view] for view in views]))
+        )
+        return LinearImages(torch.lerp(photographed, rendered, mask))
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4) of the fitted vehicle, xyxy in pixels."""
@@ -113,7 +115,8 @@ def read_frames(
                 fov=fov,
                 name=source.stem,
             )
-            photographs[view] = torch.from_numpy(frame.image).permute(2, 0, 1)[None].contiguous()
+            image = torch.from_numpy(frame.image).permute(2, 0, 1)[None].contiguous()
+            photographs[view] = SrgbImages(image)
     if not photographs:
         problem = fits[0].problem or f"its outline lies {fits[0].median} pixels off"
         raise RunError(f"{folder}: the scene's vehicle meets no frame; the first: {problem}")

@@ -7,13 +7,11 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import torch
-
 from cnca import build
 from cnca.attack.parts import prompt_texture
 from cnca.core.errors import DetectorError, RunError
 from cnca.core.manifest import DETECTING, PAINTING, hashes, program
-from cnca.core.types import SrgbTexture
+from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.detect import detector_files
 from cnca.detect.classes import CAR, known_name
 from cnca.jobs.evaluate.frames import Frames, MaskedRenderer, OverFrames, read_frames
@@ -147,10 +145,12 @@ def _prompts(request: EvaluationRequest, candidates: Sequence[Candidate]) -> dic
     files = sorted(hashes(build.generator_files(request.generator)).values())
     key = digest(prompt, request.seed, files, program(*PAINTING))
 
-    def paint_it() -> torch.Tensor:
-        return prompt_texture(build.build_generator(request.generator), prompt, request.seed)[None]
+    def paint_it() -> SrgbImages:
+        texture = prompt_texture(build.build_generator(request.generator), prompt, request.seed)
+        return SrgbImages(texture[None])
 
-    return {"prompt": kept_pictures(request.out / "prompt.npz", key, paint_it)[0], **prompts}
+    kept = kept_pictures(request.out / "prompt.npz", key, paint_it)
+    return {"prompt": SrgbTexture(kept[0]), **prompts}
 
 
 def _scene_names(paths: Sequence[Path]) -> list[str]:

@@ -139,7 +139,7 @@ def read_photo(photo: Photo) -> SrgbImages:
         stated = "×".join(map(str, photo.size or ()))
         raise RunError(f"{photo.path}: has {width}×{height} pixels, its labels say {stated}")
     rgb = np.ascontiguousarray(pixels[..., ::-1])
-    return torch.from_numpy(rgb).permute(2, 0, 1)[None].float() / 255
+    return SrgbImages(torch.from_numpy(rgb).permute(2, 0, 1)[None].float() / 255)
 
 
 def _measure(

@@ -28,6 +28,7 @@ from cnca.core.images import SrgbArray, read_mask
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
 from cnca.core.records import as_json
+from cnca.core.types import SrgbTexture
 from cnca.jobs.printing.press import difference, load_press
 from cnca.jobs.printing.printed_run import RUN_FILES, Prediction, predict, read_run
 from cnca.jobs.printing.sheets import PAPERS, PIXEL, Artwork, lay_out, printed_area, write_pdf
@@ -139,7 +140,7 @@ def print_sheets(
         printed_share=round(share, 4),
         panels=[_panel_row(panel, skin, change, scale) for panel in panels],
         color_change=_color_change(change[run.paint.mask[0].numpy() > 0.5]),
-        prediction=predict(run, as_tensor, console) if judged else None,
+        prediction=predict(run, SrgbTexture(as_tensor), console) if judged else None,
     )
     made_from = {"versions": versions(), "inputs": hashes(inputs)}
     write_json(out.with_suffix(".json"), as_json(report) | made_from)

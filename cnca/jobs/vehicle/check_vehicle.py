@@ -20,6 +20,7 @@ from cnca.core.files import write_text
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.core.records import as_json
+from cnca.core.types import LinearImages, SrgbTexture
 from cnca.jobs.vehicle.reorder_uv import SQUARE, checkerboard
 from cnca.scene.cameras import orbit_view
 from cnca.scene.schema import Scene, VehicleSection, load_scene
@@ -157,13 +158,13 @@ def _views(vehicle: Vehicle) -> list[SrgbPicture]:
     )
     scene = Scene.model_validate({"vehicle": {"texture_size": TEXELS}})
     renderer = build.build_renderer(scene, vehicle, samples=SAMPLES)
-    checker = torch.from_numpy(_checker(Skin.of(vehicle))).permute(2, 0, 1)
-    textures = torch.full_like(checker, GREY), checker
+    checker = SrgbTexture(torch.from_numpy(_checker(Skin.of(vehicle))).permute(2, 0, 1))
+    textures = SrgbTexture(torch.full_like(checker, GREY)), checker
     with torch.no_grad():
         images = torch.cat(
             [renderer.render(srgb_to_linear(t), [view], scene.weather(), seed=0) for t in textures]
         )
-    return as_pictures(linear_to_srgb(images))
+    return as_pictures(linear_to_srgb(LinearImages(images)))
 
 
 def _checker(skin: Skin) -> np.ndarray:

@@ -19,6 +19,7 @@ from cnca.core.images import SrgbArray, read_mask, read_texture_srgb, write_text
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.core.records import as_json
+from cnca.core.types import SrgbTexture
 from cnca.scene.cameras import orbit_view
 from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene
@@ -147,8 +148,10 @@ def _pictures(
     if mask is not None:
         shown &= cv2.resize(mask.astype(np.uint8), (TEXELS, TEXELS), interpolation=0) > 0
     flat = cv2.resize(np.where(shown[..., None], checker, 0.1), (SHOWN, SHOWN), interpolation=3)
-    paint = Paint(torch.full((3, TEXELS, TEXELS), 0.2), torch.from_numpy(shown[None]).float())
-    albedo = paint.apply(torch.from_numpy(checker).permute(2, 0, 1))
+    paint = Paint(
+        SrgbTexture(torch.full((3, TEXELS, TEXELS), 0.2)), torch.from_numpy(shown[None]).float()
+    )
+    albedo = paint.apply(SrgbTexture(torch.from_numpy(checker).permute(2, 0, 1)))
     scene = Scene.model_validate({"vehicle": {"texture_size": TEXELS}})
     views = [
         orbit_view(azimuth, 25, 6.5, fov=50, width=SHOWN, height=SHOWN, name=str(azimuth))

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from cnca.core.detections import ALARM, LEAST_SCORE
-from cnca.core.types import Detections
+from cnca.core.types import Detections, SrgbImages
 from cnca.judge.scores import average_precision, detection_score
 from cnca.scene.protocols import Detector
 from cnca.train.detector.dataset import TEST, LabelledPictures
@@ -26,7 +26,7 @@ def measure(
     for start in range(0, len(indices), batch):
         pictures = np.asarray(data.pictures[indices[start : start + batch]])
         images = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255
-        detections += detector.detect(images, score_threshold=LEAST_SCORE)
+        detections += detector.detect(SrgbImages(images), score_threshold=LEAST_SCORE)
     truths = [_boxes_of(data.boxes[index], label) for index in indices]
     groups = [data.groups[index] for index in indices]
     report = {"all": _summary(detections, truths, label)}

@@ -61,7 +61,10 @@ class Cast:
 
 BUILTIN_CAST = Cast(
     {name: partial(build_sedan, shape, name) for name, shape in BUILTIN_VEHICLES.items()},
-    Paint(torch.zeros(3, TEXTURE_SIZE, TEXTURE_SIZE), torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE)),
+    Paint(
+        SrgbTexture(torch.zeros(3, TEXTURE_SIZE, TEXTURE_SIZE)),
+        torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE),
+    ),
     tuple(group for loud in LOUD for group in (*("plain", "uniform") * 7, loud)),
 )
 """All built-in vehicles.  Loud paint is rare, one picture in fifteen, as on roads: a detector that
@@ -148,7 +151,7 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
         with torch.no_grad():
             image = renderer.render(albedo, [view], weathers[k % len(weathers)], seed=seed)
         box = None if empty else [*renderer.vehicle_boxes([view])[0].tolist(), 0]
-        pixels = (linear_to_srgb(image[0]).permute(1, 2, 0) * 255).round().byte().numpy()
+        pixels = (linear_to_srgb(image)[0].permute(1, 2, 0) * 255).round().byte().numpy()
         pictures.append(_Picture(pixels, box, "empty" if empty else group))
     return pictures
 
@@ -212,12 +215,14 @@ def _texture(group: str, rng: np.random.Generator, fixed: Mapping[str, SrgbTextu
         return fixed[group]
     if group == "plain":
         color = torch.tensor(PLAIN_PAINTS[rng.integers(len(PLAIN_PAINTS))])
-        return color[:, None, None].expand(3, TEXTURE_SIZE, TEXTURE_SIZE).clone()
+        return SrgbTexture(color[:, None, None].expand(3, TEXTURE_SIZE, TEXTURE_SIZE).clone())
     if group == "uniform":
         return controls.uniform(TEXTURE_SIZE, generator)
     if group == "blocks":
         return controls.random_blocks(TEXTURE_SIZE, generator, blocks=int(rng.integers(4, 24)))
     texture = torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float()
     if group == "shuffled":
-        return controls.shuffled(texture, generator, blocks=int(2 ** rng.integers(2, 6)))
-    return texture
+        return controls.shuffled(
+            SrgbTexture(texture), generator, blocks=int(2 ** rng.integers(2, 6))
+        )
+    return SrgbTexture(texture)

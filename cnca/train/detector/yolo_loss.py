@@ -55,7 +55,7 @@ def ciou(first: Boxes, second: Boxes) -> Float[Tensor, "*batch"]:
 
 def yolo_loss(
     heads: list[YoloHead],
-    raw: list[Float[Tensor, "batch outputs rows columns"]],
+    raw: list[Float[Tensor, "batch outputs _ _"]],
     targets: Targets,
     size: tuple[int, int],
 ) -> dict[str, Float[Tensor, ""]]:

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from cnca.vehicle.builtin.shapes import SedanShape
 from cnca.vehicle.mesh.surface import Surface, grid_faces
 
-Numbers = Float[np.ndarray, "..."] | np.float64
-"""Of any shape; a function takes and returns the same."""
+Numbers = np.ndarray
+"""Floats of any shape, of none too; a function takes and returns the same."""
 
 PLAN_EXPONENT = 6.5
 """Of the outline seen from above; 2 is an ellipse, ∞ a rectangle."""
