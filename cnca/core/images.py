@@ -23,6 +23,9 @@ SrgbArray = Float[np.ndarray, "_ _ 3"]
 MOST_PIXELS = 8192**2
 
 READABLE = (".png", ".jpg", ".jpeg", ".exr")
+RADIANT = (".hdr", ".exr")
+MOST_NEGATIVE = 1e-3
+"""Sum of the negative texels relative to that of the positive ones."""
 
 
 def read_texture_srgb(path: str | Path) -> SrgbArray:
@@ -53,6 +56,37 @@ def read_mask(path: str | Path) -> Bool[np.ndarray, "height width"]:
     values = _read(Path(path))
     colours = values[..., : 3 if values.shape[2] >= 3 else 1]
     return colours.mean(axis=2) > 0.5
+
+
+def read_radiance(path: str | Path) -> Float[np.ndarray, "height width 3"]:
+    """Read an HDR (Radiance) or EXR picture: linear RGB ≥ 0, float32.
+
+    Compression and denoising leave some texels a little below zero: these are taken as black.
+    Raises TextureError if the file is missing, unreadable or grey, or holds NaN or infinite values,
+    or negative ones that count (:data:`MOST_NEGATIVE`).
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in RADIANT:
+        raise TextureError(
+            f"{path}: radiance is read from {' or '.join(RADIANT)}{did_you_mean(suffix, RADIANT)}"
+        )
+    if not os.path.isfile(path):
+        raise TextureError(f"{path}: no such file; paths start at the scene file's folder")
+    values = _read_exr(path) if suffix == ".exr" else _read_hdr(path)
+    if values.shape[2] < 3:
+        raise TextureError(
+            f"{path}: has {values.shape[2]} channel(s); save it with red, green, blue"
+        )
+    values = values[..., :3]
+    wrong = int(np.count_nonzero(~np.isfinite(values).all(axis=-1)))
+    if wrong:
+        raise TextureError(f"{path}: {wrong} texels are NaN or infinite; repair the picture")
+    positive = np.ascontiguousarray(values.clip(min=0), np.float32)
+    below = positive.sum(dtype=np.float64) - values.sum(dtype=np.float64)
+    if below > MOST_NEGATIVE * positive.sum(dtype=np.float64):
+        raise TextureError(f"{path}: has negative radiance down to {values.min():.3g}; repair it")
+    return positive
 
 
 def write_texture_srgb(path: str | Path, texture: SrgbArray) -> None:
@@ -125,6 +159,18 @@ def _read_picture(path: Path) -> Float[np.ndarray, "height width channels"]:
     if pixels.shape[2] >= 3:  # OpenCV starts with blue
         pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
     return pixels.astype(np.float32) / scale
+
+
+def _read_hdr(path: Path) -> Float[np.ndarray, "height width channels"]:
+    """Only the header says how large it is; OpenCV refuses what is too large to be true."""
+    try:
+        pixels = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, cv2.error):
+        pixels = None
+    if pixels is None or pixels.dtype != np.float32 or pixels.ndim != 3:
+        raise TextureError(f"{path}: cannot be decoded; is it really a {path.suffix} file?")
+    refuse_too_large(path, pixels.shape[1], pixels.shape[0])
+    return pixels[..., ::-1]
 
 
 def _read_exr(path: Path) -> Float[np.ndarray, "height width channels"]:

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from cnca.effects.effect import Effect, Model, left_out
 from cnca.effects.subject import Subject
+from cnca.scene.environment import read_environment
 from cnca.scene.weather import Weather
+
+MOST_CONTRAST = 2.0
+"""Up to which rays find a sky by themselves: lamps at night have 40, skies without sun below 1."""
+
+
+def contrast(weather: Weather) -> float:
+    """Standard deviation over mean of a measured sky's light on level ground."""
+    return 0.0 if weather.sky_map is None else read_environment(weather.sky_map).contrast
 
 
 class SunEffect(Effect):
@@ -37,6 +47,8 @@ class SunEffect(Effect):
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """Where it stands."""
         weather = subject.weather
+        if weather.sky_map is not None and model == "off":
+            return "the sky's map shows no sun"
         place = f"altitude {weather.sun_altitude:g}°, scale {weather.sun_scale:g}"
         if model == "off":
             return f"no light at {place}"
@@ -44,14 +56,17 @@ class SunEffect(Effect):
 
 
 class SkyEffect(Effect):
-    """The sky, found by rays that the materials choose."""
+    """The sky, found by rays that the materials choose, and by others sent where it is bright."""
 
     name = "sky"
-    models = ("off", "map")
+    models = ("off", "map", "map_mis")
 
     def present(self, subject: Subject) -> tuple[Model, ...]:
-        """``off`` where it is black."""
-        return self.models if subject.weather.sky_scale > 0 else self.models[:1]
+        """``off`` where it is black; sampled by brightness only where its contrast asks for it."""
+        weather = subject.weather
+        if weather.sky_scale == 0:
+            return self.models[:1]
+        return self.models if contrast(weather) > MOST_CONTRAST else self.models[:2]
 
     def within(self, model: Model, weather: Weather) -> Weather:
         """A black sky under ``off``."""
@@ -59,10 +74,14 @@ class SkyEffect(Effect):
 
     def work(self, model: Model) -> dict[str, float]:
         """Every ray that escapes looks the map up: its time is part of the rays'."""
-        return {}
+        return {self.key(model): 1.0} if model == "map_mis" else {}
 
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """Which sky it is."""
         if model == "off":
             return "scale 0"
-        return f"Hosek–Wilkie, turbidity {subject.weather.turbidity:g}"
+        weather = subject.weather
+        if weather.sky_map is None:
+            return f"Hosek–Wilkie, turbidity {weather.turbidity:g}"
+        found = f"{Path(weather.sky_map.file).name}, contrast {contrast(weather):.1f}"
+        return f"{found}: {'its lights are sampled' if model == 'map_mis' else 'smooth enough'}"

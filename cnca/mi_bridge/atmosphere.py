@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from cnca.mi_bridge.envmap import PhotographedGround
 from cnca.mi_bridge.fog import FogField, solve_fog
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
 from cnca.mi_bridge.light import lambertian_white, make_light
+from cnca.mi_bridge.variant import mi
 from cnca.scene.weather import Weather
 
 DARKEST = 1e-9
@@ -34,31 +36,44 @@ def make_atmosphere(
     ground_albedo: Float[np.ndarray, "3"],
     *,
     sun: str,
+    sky: str,
     fog: str,
     panes: bool,
     forward: Callable[[float], ForwardShare] | None,
+    ground: mi.Shape | None,
 ) -> Atmosphere:
     """Bake the light of a weather.
 
     Args:
         sun: "direction" or "disc".
+        sky: "map_mis" lets surfaces sample a measured sky by its brightness.
         fog: model of :func:`cnca.mi_bridge.fog.solve_fog`.
         panes: whether some of the vehicle's geometry lets light pass.
         forward: asymmetry of the droplets → share of scattered light that comes from the vehicle.
+        ground: open ground, which shows the lower half of a measured sky.
     """
     light = make_light(weather, ground_albedo)
     above = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
     # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
     light = light.scaled(1 / above if above > 0 else 1.0)
-    sky = Sky(light, has_map=weather.sky_scale > 0, sun_disc=sun == "disc")
+    above_fog = Sky(
+        light,
+        has_map=weather.sky_scale > 0,
+        sun_disc=sun == "disc",
+        importance=sky == "map_mis",
+    )
+    around = Surroundings(above_fog, None, panes)
+    if above_fog.measured and ground is not None:
+        around.photo = PhotographedGround(above_fog.measured, ground)
+        ground_albedo = light.ground_albedo
     layer = weather.fog
     if layer is None or layer.height == 0:
-        return Atmosphere(Surroundings(sky, None, panes), 1.0, light.sun_irradiance)
+        return Atmosphere(around, 1.0, light.sun_irradiance)
     field = solve_fog(layer, light, ground_albedo, fog)
     radiance, direct = _at_height(field, 1.0)
     white = lambertian_white(radiance, direct, light.sun_direction)
     share = forward(layer.asymmetry) if fog == "field" and forward else None
-    around = Surroundings(sky, FogLayer(layer, field, sky, share), panes)
+    around.fog = FogLayer(layer, field, above_fog, share)
     return Atmosphere(around, max(white, DARKEST), direct)
 
 

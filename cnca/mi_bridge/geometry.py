@@ -81,8 +81,8 @@ class Geometry:
         ]
         self._shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
         self._own = {VEHICLE: meshes[: len(vehicle.parts)], PROP: meshes[len(vehicle.parts) :]}
-        self._ground = _ground(ground_albedo)
-        self._surround([self._ground])
+        self.ground = _ground(ground_albedo)
+        self._surround([self.ground])
         self._bitmap, self._texture = texture, mi.traverse(texture)
         self._paint = bsdfs["paint"]
 
@@ -106,7 +106,7 @@ class Geometry:
         """
         shapes = world_shapes(world)
         holed = [shapes.pop(name) for name in holed_surfaces(world)]
-        solid = [*shapes.values(), *([self._ground] if world.ground else [])]
+        solid = [*shapes.values(), *([self.ground] if world.ground else [])]
         bare = copy(self)
         bare._shapes, bare._own, bare._panes = {}, {}, False
         bare._surround(solid, holed)

@@ -17,6 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cnca.mi_bridge.envmap import (
+    DirectionTable,
+    EnvironmentMap,
+    PhotographedGround,
+    importance_table,
+)
 from cnca.mi_bridge.fog import FogField
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.latlong import direction_uv, wrap_columns
@@ -41,10 +47,18 @@ def _opaque_float(value: float) -> mi.Float:
 class Sky:
     """Sun and sky above the fog."""
 
-    def __init__(self, light: Light, *, has_map: bool = True, sun_disc: bool = False):
+    def __init__(
+        self,
+        light: Light,
+        *,
+        has_map: bool = True,
+        sun_disc: bool = False,
+        importance: bool = False,
+    ):
         """Without a map the sky is black; a sun that is a disc casts shadows with soft edges.
 
-        Below the horizon lies lit, endless ground either way.
+        Below the horizon lies lit, endless ground either way, or what a measured map shows there.
+        With ``importance`` surfaces sample such a map by its brightness, too.
         """
         self.light, self.has_map, self._sun_disc = light, has_map, sun_disc
         self.sun_direction = _opaque_vector(light.sun_direction)
@@ -52,11 +66,15 @@ class Sky:
         self.has_sun = bool(light.sun_irradiance.max() > 0)
         self._columns = light.sky.shape[1]
         self._ground = _opaque_vector(light.sky[-1, 0])
-        if has_map:
+        self.measured = EnvironmentMap(light.map) if has_map and light.map else None
+        self.table = importance_table(self.measured) if importance and self.measured else None
+        if has_map and not self.measured:
             self._map = mi.Texture2f(wrap_columns(light.sky), wrap_mode=dr.WrapMode.Clamp)
 
     def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """Radiance that arrives from direction ``d``, without the sun's disc."""
+        if self.measured:
+            return self.measured.radiance(d, active)
         if not self.has_map:
             return dr.select(d.z < 0, mi.Color3f(self._ground), 0)
         return mi.Color3f(self._map.eval(direction_uv(d, self._columns), active))
@@ -103,6 +121,11 @@ class FogLayer:
         """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
         above = dr.clip(self.height - z, 0, self.height)
         return dr.exp(-self.sigma_t * above * self.inv_mu_sun)
+
+    def sky_transmittance(self, z: mi.Float, d: mi.Vector3f) -> mi.Float:
+        """Share of the sky's light from above along ``d`` that reaches height ``z``."""
+        above = dr.clip(self.height - z, 0, self.height)
+        return dr.exp(-self.sigma_t * above / dr.maximum(d.z, 1e-4))
 
     def segment(
         self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
@@ -178,6 +201,13 @@ class Surroundings:
     """Whether some of the geometry is thin glass, or has holes, that paths and sunlight pass."""
     probe: Probe | None = None
     """The world's light, where its geometry is not traced."""
+    photo: PhotographedGround | None = None
+    """Ground that shows what the sky's map has below the horizon."""
+
+    @property
+    def table(self) -> DirectionTable | None:
+        """From which surfaces draw directions of the sky; what stands before it must be traced."""
+        return self.sky.table if self.probe is None else None
 
     def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """What arrives from direction ``d`` along a ray that meets no geometry."""
@@ -199,7 +229,7 @@ class Reflection:
     gathered: mi.Color3f
     """The path's light up to here, with what the surface reflects of the sun."""
     sun_slope: mi.Color3f
-    """Derivative of what the surface reflects of the sun."""
+    """Derivative of what the surface reflects of the sun, and of the sky where it is sampled."""
     onward_slope: mi.Color3f
     """Derivative of the reflection's weight, over that weight."""
 
@@ -236,7 +266,9 @@ def trace(
         lanes: paths to follow, the others stay dark; by default all.
     """
     sky, fog, probe = surroundings.sky, surroundings.fog, surroundings.probe
+    photo, table = surroundings.photo, surroundings.table
     context = mi.BSDFContext()
+    counting = photo is not None and fog is None
     longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
 
     ray = mi.Ray3f(dr.detach(ray))  # current segment
@@ -244,6 +276,8 @@ def trace(
     panes = mi.UInt32(0)  # panes passed so far
     L = mi.Color3f(0)  # gathered
     β = mi.Color3f(1)  # throughput
+    counted = mi.Bool(False)  # whether L holds the whole sky as the last surface sees it
+    pdf = mi.Float(0)  # of the direction, where the last surface sampled the sky, too; else 0
     reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
     active = mi.Bool(True) if lanes is None else mi.Bool(lanes)  # lanes that still walk
 
@@ -251,6 +285,12 @@ def trace(
         si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=depth == 0, active=active)
         hit = active & si.is_valid()
         escapes = active & ~si.is_valid()
+        towards = ray.d  # where the sky is looked up
+        if dr.hint(photo is not None, mode="scalar"):
+            looks = depth == 0
+            escapes |= active & looks & photo.ends(si)  # type: ignore[union-attr]
+            hit &= ~escapes
+            towards = dr.select(looks, photo.towards(ray), ray.d)  # type: ignore[union-attr]
 
         # ---------------- light of the segment: fog and sky ----------------
         Le = mi.Color3f(0)
@@ -260,12 +300,25 @@ def trace(
                 T, airlight = dr.select(escapes, 1, T), dr.select(escapes, 0, airlight)
             Le += β * airlight
             β *= T
-        Le += dr.select(escapes, β * surroundings.radiance(ray.d, escapes), 0)
+        if dr.hint(counting or table is not None, mode="scalar"):
+            share = dr.select(escapes, mi.Float(1), 0)
+            if dr.hint(table is not None, mode="scalar"):
+                density = table.density(ray.d, escapes)  # type: ignore[union-attr]
+                share *= dr.select(pdf > 0, pdf / (pdf + density), 1)
+            # Whatever stands before the sky takes away what was counted.
+            share -= dr.select(active & counted, mi.Float(1), 0)
+            seen = share != 0
+            Le += dr.select(seen, β * surroundings.radiance(towards, seen) * share, 0)
+        else:
+            Le += dr.select(escapes, β * surroundings.radiance(towards, escapes), 0)
 
         # ---------------- light of the sun at the surface ----------------
         active_next = hit & (depth < bounces)
         bsdf = si.bsdf(ray)
-        Lr_sun = mi.Color3f(0)
+        if dr.hint(photo is not None, mode="scalar"):
+            on_photo = active_next & photo.shows(si)  # type: ignore[union-attr]
+            f_photo = photo.reflected(si.p, on_photo)  # type: ignore[union-attr]
+        Lr = mi.Color3f(0)
         if dr.hint(sky.has_sun, mode="scalar"):
             to_sun = sky.to_sun(sampler, active_next)
             shadow_ray = si.spawn_ray(to_sun)
@@ -279,11 +332,39 @@ def trace(
                 E_sun *= fog.sun_transmittance(si.p.z)  # type: ignore[union-attr]
             if dr.hint(probe is not None, mode="scalar"):
                 E_sun *= probe.sun_share(si.p, sunlit)  # type: ignore[union-attr]
+            if dr.hint(photo is not None, mode="scalar"):
+                Le += dr.select(on_photo & sunlit, β * f_photo * E_sun * to_sun.z, 0)
+                sunlit &= ~on_photo
             with dr.resume_grad(when=differentiable):
                 f_sun = bsdf.eval(context, si, si.to_local(to_sun), sunlit)
-                Lr_sun = dr.select(sunlit, β * f_sun * E_sun, 0)
+                Lr = dr.select(sunlit, β * f_sun * E_sun, 0)
+        if dr.hint(counting, mode="scalar"):
+            Le += dr.select(on_photo, β * f_photo * photo.sky_irradiance, 0)  # type: ignore[union-attr]
 
-        L += Le + dr.detach(Lr_sun)
+        # ---------------- light of the sky at the surface, where it is sampled ----------------
+        if dr.hint(table is not None, mode="scalar"):
+            skylit = mi.Bool(active_next)
+            if dr.hint(counting, mode="scalar"):
+                skylit &= ~on_photo
+            to_sky, density = table.sample(sampler.next_2d(skylit), skylit)  # type: ignore[union-attr]
+            sky_ray = si.spawn_ray(to_sky)
+            E_sky = sky.radiance(to_sky, skylit) / density
+            if dr.hint(surroundings.panes, mode="scalar"):
+                E_sky *= pane_transmittance(scene, sky_ray, skylit)
+                skylit &= dr.max(E_sky) > 0
+            else:
+                skylit &= ~scene.ray_test(sky_ray, active=skylit)
+            if dr.hint(fog is not None, mode="scalar"):
+                E_sky *= fog.sky_transmittance(si.p.z, to_sky)  # type: ignore[union-attr]
+            wo_sky = si.to_local(to_sky)
+            E_sky *= density / (density + dr.detach(bsdf.pdf(context, si, wo_sky, skylit)))
+            with dr.resume_grad(when=differentiable):
+                f_sky = bsdf.eval(context, si, wo_sky, skylit)
+                if dr.hint(photo is not None, mode="scalar"):
+                    f_sky = dr.select(on_photo, f_photo * wo_sky.z, f_sky)
+                Lr += dr.select(skylit, β * f_sky * E_sky, 0)
+
+        L += Le + dr.detach(Lr)
 
         # ---------------- next segment ----------------
         lobe, across = sampler.next_1d(active_next), sampler.next_2d(active_next)
@@ -293,13 +374,25 @@ def trace(
         with dr.resume_grad(when=differentiable):
             bs, weight = bsdf.sample(context, si, lobe, across, active_next)
             if dr.hint(differentiable, mode="scalar"):
-                sun_slope, slope = dr.forward_to(Lr_sun, weight, flags=SLOPES)
+                sun_slope, slope = dr.forward_to(Lr, weight, flags=SLOPES)
                 bs, weight = dr.detach(bs), dr.detach(weight)
                 onward_slope = dr.select(weight > 0, slope / weight, 0)
                 here = Reflection(si.uv, L, sun_slope, onward_slope)
                 reflections = _keep(here, reflections, depth, active_next)
+        wo = si.to_world(bs.wo)
+        if dr.hint(counting, mode="scalar"):
+            wo_photo, density = photo.table.sample(across, on_photo)  # type: ignore[union-attr]
+            weight = dr.select(on_photo, f_photo * wo_photo.z / density, weight)
+            wo = dr.select(on_photo, wo_photo, wo)
+            counted = on_photo
+        elif dr.hint(photo is not None, mode="scalar"):
+            weight = dr.select(on_photo, dr.pi * f_photo, weight)
         active_next &= dr.max(weight) > 0
-        ray_next = si.spawn_ray(si.to_world(bs.wo))
+        ray_next = si.spawn_ray(wo)
+        pdf_next = mi.Float(0)
+        if dr.hint(table is not None, mode="scalar"):
+            smooth = ~mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
+            pdf_next = dr.select(smooth & ~counted, bs.pdf, 0)
 
         β *= weight
         ray = ray_next
@@ -308,8 +401,10 @@ def trace(
             active_next &= ~passed | (panes < MOST_PANES)
             panes += dr.select(passed, 1, 0)
             depth += dr.select(passed, 0, 1)
+            pdf_next = dr.select(passed, pdf, pdf_next)  # thin glass bends no ray
         else:
             depth += 1
+        pdf = pdf_next
         active = active_next
 
     return L, reflections

@@ -9,13 +9,16 @@ irradiance.  This keeps a change of weather an exchange of numbers: no emitter, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
+from cnca.mi_bridge.envmap import TurnedMap
 from cnca.mi_bridge.variant import dr, mi
-from cnca.scene.weather import Weather
+from cnca.scene.environment import read_environment, sky_directions, sky_solid_angles
+from cnca.scene.weather import SkyMap, Weather
 
 SKY_ROWS, SKY_COLUMNS = 128, 256
 SUN_HALF_ANGLE = math.radians(0.5358 / 2)
@@ -34,29 +37,33 @@ class Light:
     """Linear RGB on a surface that faces the sun; zero when the sun is below the horizon."""
     sky: Float[np.ndarray, "rows columns 3"]
     """Linear RGB; row 0 looks up, column 0 looks along +x, columns run counter-clockwise."""
+    map: TurnedMap | None = None
+    """The measured environment of which ``sky`` is a coarse copy."""
 
     def scaled(self, factor: float) -> Light:
         """The same light, ``factor`` times as bright."""
-        return Light(self.sun_direction, factor * self.sun_irradiance, factor * self.sky)
+        turned = self.map and replace(self.map, gain=factor * self.map.gain)
+        return Light(self.sun_direction, factor * self.sun_irradiance, factor * self.sky, turned)
 
-
-def sky_directions(rows: int, columns: int) -> Float[np.ndarray, "rows columns 3"]:
-    """Unit vectors at the texel centres of a latitude–longitude map."""
-    theta = (np.arange(rows) + 0.5) * np.pi / rows
-    phi = (np.arange(columns) + 0.5) * 2 * np.pi / columns
-    theta, phi = np.meshgrid(theta, phi, indexing="ij")
-    x, y = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi)
-    return np.stack([x, y, np.cos(theta)], axis=-1)
-
-
-def sky_solid_angles(rows: int, columns: int) -> Float[np.ndarray, "rows 1"]:
-    """Exact solid angle of one texel of each row, in steradians."""
-    edges = np.cos(np.arange(rows + 1) * np.pi / rows)
-    return ((edges[:-1] - edges[1:]) * 2 * np.pi / columns)[:, None]
+    @property
+    def ground_albedo(self) -> Float[np.ndarray, "3"]:
+        """Mean albedo in [0, 1] of ground that looks like the lower half of the sky's map."""
+        rows, columns = self.sky.shape[:2]
+        up = sky_directions(rows, columns)[..., 2:] * sky_solid_angles(rows, columns)[..., None]
+        down = (self.sky * (-up).clip(min=0)).sum(axis=(0, 1))
+        irradiance = (self.sky * up.clip(min=0)).sum(axis=(0, 1))
+        irradiance = irradiance + self.sun_irradiance * max(self.sun_direction[2], 0.0)
+        return (down / np.where(irradiance > 0, irradiance, 1.0)).clip(0, 1)
 
 
 def make_light(weather: Weather, ground_albedo: Float[np.ndarray, "3"]) -> Light:
-    """Evaluate sun and sky; directions below the horizon look at a lit, endless ground."""
+    """Evaluate sun and sky; directions below the horizon look at a lit, endless ground.
+
+    Raises:
+        SceneError, TextureError: the sky's map is missing or cannot be read.
+    """
+    if weather.sky_map is not None:
+        return _measured_light(weather, weather.sky_map)
     altitude, azimuth = math.radians(weather.sun_altitude), math.radians(weather.sun_azimuth)
     direction = np.array(
         [
@@ -91,6 +98,38 @@ def make_light(weather: Weather, ground_albedo: Float[np.ndarray, "3"]) -> Light
     irradiance = (sky * weights).sum(axis=(0, 1)) + sun * max(direction[2], 0.0)
     sky[SKY_ROWS // 2 :] = ground_albedo * irradiance / np.pi
     return Light(direction, sun, sky)
+
+
+def _measured_light(weather: Weather, sky_map: SkyMap) -> Light:
+    """The light of a map, whose sun the weather knows already."""
+    environment = read_environment(sky_map)
+    altitude, azimuth = math.radians(weather.sun_altitude), math.radians(weather.sun_azimuth)
+    flat = math.cos(altitude)
+    direction = np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(altitude)])
+    coarse = _coarse(environment.radiance, sky_map.rotation)
+    return Light(
+        direction,
+        weather.sun_scale * environment.sun_irradiance,
+        weather.sky_scale * coarse,
+        TurnedMap(environment, weather.sky_scale, sky_map),
+    )
+
+
+def _coarse(
+    radiance: Float[np.ndarray, "rows columns 3"], rotation: float
+) -> Float[np.ndarray, "coarse_rows coarse_columns 3"]:
+    """A map turned by so many degrees, its texels averaged."""
+    rows, columns = radiance.shape[:2]
+    if rows > SKY_ROWS:
+        size = (SKY_COLUMNS, SKY_ROWS)
+        coarse = cv2.resize(radiance, size, interpolation=cv2.INTER_AREA)
+    else:
+        row = ((np.arange(SKY_ROWS) + 0.5) * rows / SKY_ROWS).astype(int)
+        column = ((np.arange(SKY_COLUMNS) + 0.5) * columns / SKY_COLUMNS).astype(int)
+        coarse = radiance[np.ix_(row, column)]
+    whole, part = divmod(rotation / 360 * SKY_COLUMNS, 1)
+    turned = np.roll(coarse.astype(np.float64), int(whole), axis=1)
+    return (1 - part) * turned + part * np.roll(turned, 1, axis=1)
 
 
 def lambertian_white(

@@ -215,7 +215,9 @@ class MitsubaRenderer:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
         self._wear(str(chosen["materials"]), str(chosen["glass"]))
         cameras = self._cameras(views, pixels)
-        atmosphere = self._atmosphere(chosen.weather, str(chosen["sun"]), str(chosen["fog"]))
+        atmosphere = self._atmosphere(
+            chosen.weather, str(chosen["sun"]), str(chosen["sky"]), str(chosen["fog"])
+        )
         geometry, around, white = self.geometry, atmosphere.surroundings, atmosphere.white
         if self.worlds is not None:
             rung = str(chosen.demand.forced.get("surroundings", part.rung))
@@ -335,15 +337,17 @@ class MitsubaRenderer:
         assert self._make_world is not None
         return Sightings(self._make_world(spot))
 
-    def _make_atmosphere(self, weather: Weather, sun: str, fog: str) -> Atmosphere:
+    def _make_atmosphere(self, weather: Weather, sun: str, sky: str, fog: str) -> Atmosphere:
         forward = partial(self._forward_share, self.geometry) if self.vehicle.parts else None
         return make_atmosphere(
             weather,
             self.ground_albedo,
             sun=sun,
+            sky=sky,
             fog=fog,
             panes=self.geometry.has_panes,
             forward=forward,
+            ground=self.geometry.ground if self._make_world is None else None,
         )
 
 

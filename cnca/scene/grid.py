@@ -92,13 +92,14 @@ def _weathers(scene: Scene) -> list[Weather]:
     altitudes = np.linspace(*ranges.sun_altitude, LEVELS).tolist()
     if ranges.visibility is None:
         azimuths = np.linspace(*ranges.sun_azimuth, LEVELS, endpoint=False).tolist()
-        return [replace(own, sun_altitude=h, sun_azimuth=a) for h in altitudes for a in azimuths]
+        return [own.turned(h, a) for h in altitudes for a in azimuths]
     fog = own.fog or Fog(visibility=1.0)
     low, high = ranges.visibility
     # Evenly spread in extinction, since that is what dims a picture.
     visibilities = (1 / np.linspace(1 / high, 1 / low, LEVELS)).tolist()
     fogs = [replace(fog, visibility=visibility) for visibility in visibilities]
-    return [replace(own, sun_altitude=h, fog=f) for h in altitudes for f in fogs]
+    suns = [own.turned(h, own.sun_azimuth) for h in altitudes]
+    return [replace(weather, fog=f) for weather in suns for f in fogs]
 
 
 def _coprime_near(value: float, count: int) -> int:

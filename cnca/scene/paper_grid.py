@@ -128,4 +128,4 @@ def _weather(scene: Scene, altitude: float, visibility: float | None) -> Weather
     fog = None
     if visibility is not None:
         fog = dataclasses.replace(own.fog or Fog(visibility), visibility=visibility)
-    return dataclasses.replace(own, sun_altitude=altitude, fog=fog)
+    return dataclasses.replace(own.turned(altitude, own.sun_azimuth), fog=fog)

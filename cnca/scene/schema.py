@@ -22,9 +22,10 @@ from pydantic import (
 )
 
 from cnca.core.errors import SceneError, did_you_mean
+from cnca.scene.environment import read_environment
 from cnca.scene.materials import MATERIALS
 from cnca.scene.shipped import scene_file
-from cnca.scene.weather import MOST_ASYMMETRY, Fog, Weather
+from cnca.scene.weather import MOST_ASYMMETRY, Fog, SkyMap, Weather
 
 
 def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
@@ -136,10 +137,20 @@ class SunSection(Section):
 
 
 class SkySection(Section):
-    """A clear sky after Hosek and Wilkie."""
+    """A clear sky after Hosek and Wilkie, or a measured environment."""
 
     turbidity: Annotated[float, Field(ge=1, le=10)] = 3.0
     scale: NonNegative = 1.0
+    map: str | None = None
+    """A latitude–longitude picture, ``.hdr`` or ``.exr``, of sky, sun and ground."""
+    missing: str | None = None
+    """What to tell a user who does not have the map: what to put where."""
+    rotation: Azimuth = 0.0
+    """Of the map; at 0 its middle is ahead of the vehicle."""
+    height: Positive = 1.6
+    """Of the camera that took the map, above the ground."""
+    radius: Positive = 20.0
+    """How far the open ground reaches; what the map has beyond is seen at that distance."""
 
 
 class FogSection(Section):
@@ -228,9 +239,23 @@ class Scene(Section):
             raise ValueError(f"two cameras are named '{twice}'")
         return self
 
+    @model_validator(mode="after")
+    def _one_sun(self) -> Scene:
+        place = {"altitude", "azimuth"} & self.sun.model_fields_set
+        if self.sky.map and place:
+            key = min(place)
+            raise ValueError(f"sky.map has its own sun: leave sun.{key} out, or turn sky.rotation")
+        return self
+
     def weather(self) -> Weather:
-        """The scene's own sun, sky and fog."""
+        """The scene's own sun, sky and fog.
+
+        Raises:
+            SceneError, TextureError: the sky's map is missing or cannot be read.
+        """
         fog = Fog(**self.fog.model_dump()) if self.fog else None
+        if self.sky.map:
+            return self._measured_weather(self.sky.map, fog)
         return Weather(
             sun_altitude=self.sun.altitude,
             sun_azimuth=self.sun.azimuth,
@@ -238,6 +263,20 @@ class Scene(Section):
             sun_scale=self.sun.scale,
             sky_scale=self.sky.scale,
             fog=fog,
+        )
+
+    def _measured_weather(self, file: str, fog: Fog | None) -> Weather:
+        """The light of a map: its sun, where it has one, shines from where it was photographed."""
+        sky, path = self.sky, (self.base / file).as_posix()
+        sky_map = SkyMap(path, sky.rotation, sky.height, sky.radius, sky.missing)
+        environment = read_environment(sky_map)
+        return Weather(
+            sun_altitude=environment.sun_altitude,
+            sun_azimuth=environment.sun_azimuth + sky.rotation,
+            sun_scale=self.sun.scale * sky.scale if environment.has_sun else 0.0,
+            sky_scale=sky.scale,
+            fog=fog,
+            sky_map=sky_map,
         )
 
 

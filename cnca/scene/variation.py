@@ -51,9 +51,7 @@ def draw_weathers(scene: Scene, count: int, *, seed: int) -> list[Weather]:
         fog = own.fog
         if inverse:
             fog = dataclasses.replace(fog or Fog(visibility=1.0), visibility=1 / inverse[0])
-        weathers.append(
-            dataclasses.replace(own, sun_altitude=altitude, sun_azimuth=azimuth, fog=fog)
-        )
+        weathers.append(dataclasses.replace(own.turned(altitude, azimuth), fog=fog))
     return weathers
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 KOSCHMIEDER = 3.912
 """−ln 0.02: visibility is the distance at which contrast falls to 2 % (Koschmieder 1924)."""
@@ -31,6 +31,22 @@ class Fog:
 
 
 @dataclass(frozen=True)
+class SkyMap:
+    """A measured environment in place of the model of a clear sky."""
+
+    file: str
+    """A latitude–longitude picture, ``.hdr`` or ``.exr``."""
+    rotation: float = 0.0
+    """Degrees counter-clockwise; at 0 its middle looks along +x, the vehicle's front."""
+    height: float = 1.6
+    """Metres above the ground from which it was taken, > 0."""
+    radius: float = 20.0
+    """Metres from there to what stands around the open ground, > 0; cameras see it so far away."""
+    missing: str | None = None
+    """What to tell a user who does not have the file."""
+
+
+@dataclass(frozen=True)
 class Weather:
     """What lights the scene; angles in degrees."""
 
@@ -45,3 +61,15 @@ class Weather:
     sky_scale: float = 1.0
     """Factor on the sky's radiance, ≥ 0."""
     fog: Fog | None = None
+    sky_map: SkyMap | None = None
+    """If there is one, the sun stands where the map has it, and the turbidity means nothing."""
+
+    def turned(self, altitude: float, azimuth: float) -> Weather:
+        """The weather with its sun elsewhere.
+
+        The light of a map turns with its sun, which keeps its altitude.
+        """
+        if self.sky_map is None:
+            return replace(self, sun_altitude=altitude, sun_azimuth=azimuth)
+        rotation = self.sky_map.rotation + azimuth - self.sun_azimuth
+        return replace(self, sun_azimuth=azimuth, sky_map=replace(self.sky_map, rotation=rotation))

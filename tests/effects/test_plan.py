@@ -9,12 +9,13 @@ from dataclasses import replace
 import pytest
 
 from cnca.core.errors import CncaError
+from cnca.effects import daylight
 from cnca.effects.catalog import EFFECTS, parse_effects
 from cnca.effects.explain import explain
 from cnca.effects.plan import Demand, plan, predicted_error, predicted_seconds
 from cnca.effects.prices import Fit, Prices
 from cnca.effects.subject import Subject
-from cnca.scene.weather import KOSCHMIEDER, Fog, Weather
+from cnca.scene.weather import KOSCHMIEDER, Fog, SkyMap, Weather
 
 CLEAR = Subject(
     Weather(),
@@ -106,6 +107,20 @@ def test_what_the_scene_does_not_have_is_off(demand, weather, effect, model):
     assert row.error == 0
 
 
+@pytest.mark.parametrize(("contrast", "model"), [(0.8, "map"), (40.0, "map_mis")])
+def test_a_measured_sky_is_sampled_by_brightness_where_its_contrast_asks_for_it(
+    monkeypatch, contrast, model
+):
+    monkeypatch.setattr(daylight, "contrast", lambda weather: contrast)
+    subject = replace(CLEAR, weather=Weather(sky_map=SkyMap("night.exr")))
+    for demand in (Demand(), Demand(0.05), Demand(reference=True)):
+        assert plan(subject, demand, PRICES)["sky"] == model
+    row = next(r for r in explain(plan(subject, Demand(), PRICES), PRICES) if r.effect == "sky")
+    assert row.why.startswith(f"night.exr, contrast {contrast:.1f}")
+    dark = replace(subject, weather=replace(subject.weather, sky_scale=0.0))
+    assert plan(dark, Demand())["sky"] == "off"
+
+
 def test_windows_are_panes_where_they_let_enough_light_through():
     for glass, chosen in ((0.0, "dark"), (0.01, "dark"), (0.1, "pane")):
         assert plan(holding(CLEAR, glass=glass), Demand(0.05), PRICES)["glass"] == chosen
@@ -120,7 +135,7 @@ def test_a_matt_vehicle_has_no_coat():
 def test_reference_takes_the_best_of_everything():
     chosen = plan(holding(FOGGY, glass=0.1, surroundings=1), Demand(reference=True))
     best = {effect: ladder[-1] for effect, ladder in LADDERS.items()}
-    assert chosen.models == best | {"samples": 1024}
+    assert chosen.models == best | {"sky": "map", "samples": 1024}
 
 
 @pytest.mark.parametrize("visibility", [50_000.0, 1e9])
