@@ -45,6 +45,9 @@ class SightingRenderer(Renderer, Protocol):
     def sightings(self, views: Sequence[View]) -> list[list[Sighting]]:
         """Return, of each view, the objects of the world that it shows."""
 
+    def visible_shares(self, views: Sequence[View]) -> list[float]:
+        """Return the share of the vehicle in each view that nothing of the world hides."""
+
 
 @runtime_checkable
 class LoopRenderer(Renderer, Protocol):

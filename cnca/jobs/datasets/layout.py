@@ -2,8 +2,9 @@
 
     images/000000.png       sRGB, 8 bits
     masks/000000.png        share of each pixel that the vehicle covers, 255 the whole
-    records/000000.json     pose, weather, paint, box: written last, so it says "done"
-    annotations.json        all records in COCO's format
+    records/000000.json     pose, weather, paint, box, what else is there: written last, so it says
+                            "done"
+    annotations.json        all records in COCO's format, with boxes and masks of every vehicle
     shards/000000.tar       WebDataset: 000000.png, 000000.mask.png, 000000.json, 000001.png, …
     outlines/000000.png     of CARLA frames: the mesh's outline over the photograph
     contact_sheet.png       a few pictures with their boxes
@@ -17,7 +18,7 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, draw_boxes, side_by_side, write_png
 from cnca.core.records import as_json
 from cnca.detect.classes import CAR, COCO91, GENERIC, VEHICLE, known_name
+from cnca.scene.layers import Sighting
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -61,12 +63,27 @@ class DataSet:
         """Whether a picture is done."""
         return self.path("records", index).exists()
 
-    def add(self, index: int, picture: SrgbPicture, mask: Mask, record: DataclassInstance) -> None:
-        """Write one picture, its mask (shares in [0, 1]) and its record."""
+    def add(
+        self,
+        index: int,
+        picture: SrgbPicture,
+        mask: Mask,
+        record: DataclassInstance,
+        *,
+        occluded: float = 0.0,
+        others: Sequence[Sighting] = (),
+    ) -> None:
+        """Write one picture, its mask (shares in [0, 1]) and its record.
+
+        Args:
+            occluded: share of the vehicle that something hides.
+            others: what else with a label is in the picture.
+        """
         write_png(self.path("images", index), picture)
         grey = (mask * 255).round().astype(np.uint8)
         write_png(self.path("masks", index), np.repeat(grey[..., None], 3, axis=2))
         content = {"index": index} | as_json(extent_of(mask)) | as_json(record)
+        content |= {"occluded": round(occluded, 4), "others": [as_other(o) for o in others]}
         write_json(self.path("records", index), content)
 
     def indices(self) -> list[int]:
@@ -151,24 +168,51 @@ def category(label: str) -> dict[str, Any]:
 
 
 def coco(records: list[dict[str, Any]], masks: Iterable[Mask], label: str = CAR) -> dict[str, Any]:
-    """COCO's object detection format; everything else of a record stands in ``images``."""
-    images, annotations, own = [], [], category(label)
+    """COCO's object detection format; everything else of a record stands in ``images``.
+
+    The vehicle comes first, numbered as its picture; ``occluded`` is the share that something
+    hides.  Then the other objects of a world, of their own categories.
+    """
+    images, annotations = [], []
+    kinds = {known_name(label): category(label)}
     for record, mask in zip(records, masks, strict=True):
         index = record["index"]
         left, top, right, bottom = record["box_xyxy"]
-        images.append({"id": index, "file_name": f"{index:06d}.png"} | record)
+        content = {key: value for key, value in record.items() if key != "others"}
+        images.append({"id": index, "file_name": f"{index:06d}.png"} | content)
         annotations.append(
             {
                 "id": index + 1,  # COCO's tools take 0 for "none"
                 "image_id": index,
-                "category_id": own["id"],
+                "category_id": category(label)["id"],
                 "bbox": [left, top, right - left, bottom - top],
                 "area": int((mask >= COVERED).sum()),
                 "segmentation": run_lengths(mask),
                 "iscrowd": 0,
+                "occluded": record.get("occluded", 0.0),
             }
         )
-    return {"images": images, "annotations": annotations, "categories": [own]}
+    number = max((annotation["id"] for annotation in annotations), default=0)
+    for record in records:
+        for other in record.get("others", ()):
+            kind, number = category(other["label"]), number + 1
+            kinds[kind["name"]] = kind
+            described = {key: value for key, value in other.items() if key != "label"}
+            place = {"id": number, "image_id": record["index"], "category_id": kind["id"]}
+            annotations.append(place | described | {"iscrowd": 0})
+    return {"images": images, "annotations": annotations, "categories": list(kinds.values())}
+
+
+def as_other(seen: Sighting) -> dict[str, Any]:
+    """Another object of a picture, as records and COCO's annotations have it."""
+    left, top, right, bottom = seen.box
+    return {
+        "label": known_name(seen.label),
+        "bbox": [left, top, right - left, bottom - top],
+        "area": int(seen.mask.sum()),
+        "segmentation": run_lengths(seen.mask.astype(float)),
+        "occluded": round(seen.occluded, 4),
+    }
 
 
 def run_lengths(mask: Mask) -> dict[str, list[int]]:

@@ -30,6 +30,8 @@ from cnca.jobs.datasets.layout import DataSet, Mask
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
 from cnca.scene.cameras import View
 from cnca.scene.grid import COLOURS, SHARING, Grid, Setting
+from cnca.scene.layers import Sighting
+from cnca.scene.protocols import SightingRenderer
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.weather import Weather
 
@@ -80,7 +82,9 @@ def render_dataset(
     stage = _Stage(scene, samples)
     with bar(console) as shown:
         for index in shown.track(missing, description="pictures"):
-            data.add(index, *stage.shoot(grid[index], seed=index))
+            occluded, others = stage.surroundings(grid[index].view)
+            shot = stage.shoot(grid[index], seed=index)
+            data.add(index, *shot, occluded=occluded, others=others)
         per_second = shown.tasks[0].speed
     rendered = sum(parallel.gathered([len(missing)]))
     parallel.by_first(lambda: data.finish(tar=tar))
@@ -118,6 +122,7 @@ class _Stage:
         self._albedo = lru_cache(self._make_albedo)
         # One place for the last surroundings: no pose comes back once it is left.
         self._around = lru_cache(1)(self._render_around)
+        self.surroundings = lru_cache(1)(self._look_around)
 
     @torch.no_grad()
     def shoot(self, setting: Setting, *, seed: int) -> tuple[SrgbPicture, Mask, RenderedRecord]:
@@ -139,6 +144,13 @@ class _Stage:
             caption=f"{setting.colour}, sun {setting.weather.sun_altitude:.0f}{sight}",
         )
         return as_pictures(linear_to_srgb(image))[0], mask, record
+
+    def _look_around(self, view: View) -> tuple[float, list[Sighting]]:
+        """Share of the vehicle that the world hides, and what else of it the view shows."""
+        renderer = self._renderer
+        if not isinstance(renderer, SightingRenderer):
+            return 0.0, []
+        return 1 - renderer.visible_shares([view])[0], renderer.sightings([view])[0]
 
     def _make_albedo(self, colour: str) -> LinearTexture:
         return self._paint.apply(SrgbTexture(torch.tensor(COLOURS[colour]).reshape(3, 1, 1)))

@@ -12,6 +12,7 @@ import pytest
 
 from cnca.core.errors import RunError
 from cnca.jobs.datasets.layout import DataSet, category, run_lengths
+from cnca.scene.layers import Sighting
 
 
 @dataclass(frozen=True)
@@ -110,3 +111,27 @@ def test_damaged_records_and_empty_pictures_are_refused(data):
         data.finish(tar=False)
     with pytest.raises(RunError, match="without the vehicle"):
         data.add(2, picture(2), np.zeros((12, 20)), Note("empty", 2))
+
+
+def test_other_vehicles_are_annotated_with_categories_of_their_own(tmp_path):
+    data = DataSet(tmp_path / "set", "truck")
+    free, hidden = np.zeros((12, 20), bool), np.zeros((12, 20), bool)
+    free[1:4, 12:18], hidden[8:10, 0:2] = True, True
+    hidden[9, 1] = False
+    others = [Sighting("car", free, 0.0), Sighting("Bus", hidden, 0.75)]
+    data.add(0, picture(0), mask(), Note("a", 0), occluded=0.25, others=others)
+    data.add(4, picture(4), mask(), Note("b", 4), others=others[:1])
+    data.finish(tar=False)
+    coco_tools = pytest.importorskip("pycocotools.coco")
+    annotations = coco_tools.COCO(str(tmp_path / "set" / "annotations.json"))
+    names = {kind["name"]: kind["id"] for kind in annotations.loadCats(annotations.getCatIds())}
+    assert names == {"truck": 8, "car": 3, "bus": 6}
+    assert len(annotations.getAnnIds()) == len(set(annotations.getAnnIds())) == 5
+    own, car, bus = annotations.loadAnns(annotations.getAnnIds(imgIds=[0]))
+    assert [a["category_id"] for a in (own, car, bus)] == [8, 3, 6]
+    assert [a["occluded"] for a in (own, car, bus)] == [0.25, 0.0, 0.75]
+    assert car["bbox"] == [12, 1, 6, 3]
+    assert np.array_equal(annotations.annToMask(bus), hidden)
+    assert bus["area"] == 3
+    (_, there) = annotations.loadAnns(annotations.getAnnIds(imgIds=[4]))
+    assert there["category_id"] == 3
