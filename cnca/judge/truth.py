@@ -11,8 +11,9 @@ from cnca.core.types import Boxes
 from cnca.detect.classes import CAR, VEHICLE, counted, known_name
 from cnca.judge.rows import COUNT, IGNORE
 
-LEAST_SEEN = 0.25
-"""Share of another vehicle that must be seen for it to be one to find; below it is ignored."""
+LEAST_SEEN, LEAST_WIDTH = 0.25, 16
+"""Share of another vehicle that must be seen, and pixels across, for it to be one to find: those
+that are smaller or more hidden are ignored."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,12 @@ class Other:
     """xyxy in pixels, of what is seen of it."""
     occluded: float
     """Share of it that something hides, in [0, 1]."""
+
+    @property
+    def to_find(self) -> bool:
+        """Whether enough of it is seen, for one that counts."""
+        wide = self.box[2] - self.box[0] >= LEAST_WIDTH
+        return wide and 1 - self.occluded >= LEAST_SEEN
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ class Truth:
         """The regions of each view in which detections are left out.
 
         All other vehicles, whatever their kind; with ``count`` those of the column's classes
-        that are too hidden to be found.
+        that are too small or too hidden to be found.
         """
         table = counted(label)
         if self.choice == COUNT:
@@ -70,7 +77,6 @@ class Truth:
         boxes = [
             other.box
             for other in (self.others[view] if self.others else ())
-            if known_name(other.label) in classes
-            and counts in (None, 1 - other.occluded >= LEAST_SEEN)
+            if known_name(other.label) in classes and counts in (None, other.to_find)
         ]
         return torch.tensor(boxes, dtype=torch.float32).reshape(-1, 4)

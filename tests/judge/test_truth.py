@@ -12,7 +12,7 @@ from cnca.judge.verdict import Seen, by_section, measure
 
 CAR, TRUCK, PERSON = 0, 1, 2
 NAMES = ("car", "truck", "person")
-OWN, OTHER, WALL = (0.0, 0, 10, 10), (30.0, 0, 40, 10), (80.0, 0, 90, 10)
+OWN, OTHER, WALL = (0.0, 0, 20, 20), (60.0, 0, 80, 20), (160.0, 0, 180, 20)
 
 
 def truth(choice, *others, views=3):
@@ -64,6 +64,13 @@ def test_a_counted_vehicle_that_is_all_but_hidden_is_ignored():
     around = truth("count", Other("car", OTHER, 0.9))
     assert value(around, (OWN, CAR)) == pytest.approx(1)
     assert value(around, (OTHER, CAR), (OWN, CAR)) == pytest.approx(1)
+
+
+def test_a_counted_vehicle_that_is_far_away_is_ignored():
+    small = (60.0, 0, 70, 20)
+    around = truth("count", Other("car", small, 0.0))
+    assert value(around, (OWN, CAR)) == pytest.approx(1)
+    assert value(around, (small, CAR), (OWN, CAR)) == pytest.approx(1)
 
 
 def test_the_score_is_of_the_vehicle_alone():
