@@ -67,7 +67,15 @@ def test_a_hardening_leaves_a_detector_and_a_table(run, small, tmp_path):
     moved = max((after[name] - before[name]).abs().max() for name in weights)
     assert 0 < moved < 6e-4  # one step of AdamW: 5e-4, and a little decay
 
-    assert set(results.rows) == {"normal", "uniform", "random", "zebra shuffled", "zebra"}
+    assert set(results.rows) == {
+        "normal",
+        "uniform",
+        "random",
+        "zebra shuffled",
+        "zebra mirrored",
+        "zebra mean",
+        "zebra",
+    }
     for by_measure in results.rows.values():
         for each in by_measure.values():
             difference = each.after.value - each.before.value

@@ -50,7 +50,8 @@ def test_an_evaluation_leaves_everything_and_a_rerun_is_the_same(request_for):
     request = request_for()
     results = evaluate_scenes(request, quiet())
     assert results.rows == [
-        "normal", "uniform", "random", "zebra prompt", "zebra shuffled", "zebra",
+        "normal", "uniform", "random", "zebra prompt", "zebra shuffled", "zebra mirrored",
+        "zebra mean", "zebra",
     ]  # fmt: skip
     assert results.views == 8
     assert set(results.by_scene) == {"clear", "foggy"}
@@ -59,7 +60,7 @@ def test_an_evaluation_leaves_everything_and_a_rerun_is_the_same(request_for):
     for number in own["car"].values():
         if number.value is not None:
             assert number.low <= number.high
-    assert len(results.comparisons) == 5 * 2
+    assert len(results.comparisons) == 7 * 2
 
     out = request.out
     assert read_record(Evidence, out / "results.json") == results
