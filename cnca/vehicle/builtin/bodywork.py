@@ -29,7 +29,7 @@ END_HEIGHT = 0.99
 END_LIFT = 0.05
 """How much higher the floor is under nose and tail than between the wheels, metres."""
 STATIONS = 80
-COARSE_STATIONS = 36
+COARSE_STATIONS = 32
 ROOF_CROWN = 0.05
 """How much higher the roof is in the middle than at its corner, metres."""
 
@@ -40,7 +40,7 @@ class Body:
 
     shape: SedanShape
     coarse: bool = False
-    """About a fifth of the triangles, for vehicles that only pass by."""
+    """About a sixth of the triangles, for vehicles that only pass by."""
 
     @property
     def nose(self) -> float:

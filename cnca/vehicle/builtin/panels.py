@@ -45,7 +45,8 @@ def regions(body: Body) -> list[Region]:
     """All regions in the order in which they are cut; what is left over is paint."""
     glass = [windscreen(body), rear_window(body), *side_windows(body)]
     sealed = [*glass, *lights(body)]
-    # A gap is thinner than a pixel on what only passes by.
+    # Seals and gaps are thinner than a pixel on what only passes by.
+    seals = [] if body.coarse else sealed
     outlines = [] if body.coarse else [*door_outlines(body), *lids(body)]
     doors = [Region("paint", door) for door in outlines]
     cover = [Region("trim", lambda skin: bed_cover(body, skin))] if body.shape.open_bed else []
@@ -54,7 +55,7 @@ def regions(body: Body) -> list[Region]:
         Region("underbody", lambda skin: skin.z - body.shape.clearance - END_LIFT - 0.02),
         *pillars(body),
         *sealed,
-        *(region.grown(SEAL, "trim") for region in sealed),
+        *(region.grown(SEAL, "trim") for region in seals),
         *grille_and_plates(body),
         *doors,
         *(door.grown(GAP, "trim") for door in doors),

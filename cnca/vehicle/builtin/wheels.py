@@ -53,7 +53,7 @@ def cut_wells(skin: Surface, body: Body) -> tuple[Surface, Surface]:
 
 def _left_wheel(radius: float, coarse: bool) -> dict[str, Surface]:
     """A wheel around the y axis with its rim's face towards +y, by material."""
-    segments, rings = (16, 3) if coarse else (SEGMENTS, 7)
+    segments, rings = (20, 3) if coarse else (SEGMENTS, 7)
     side, rim = TYRE_WIDTH / 2, 0.70 * radius
     flank = [(rim, 0.92), (0.90 * radius, 1.0), (0.97 * radius, 0.86), (radius, 0.62)]
     tyre = [(r, -y * side) for r, y in flank] + [(r, y * side) for r, y in flank[::-1]]
@@ -69,10 +69,11 @@ def _left_wheel(radius: float, coarse: bool) -> dict[str, Surface]:
         axis=0,
     )
     _, spokes = face.split(openings)
-    behind = revolved(np.array([(rim, 0.3 * side), (0.0, 0.3 * side)]), segments)
-    barrel = revolved(np.array([(0.0, -0.9 * side), (rim, -0.92 * side)]), segments)
+    round_about = 14 if coarse else segments
+    behind = revolved(np.array([(rim, 0.3 * side), (0.0, 0.3 * side)]), round_about)
+    barrel = revolved(np.array([(0.0, -0.9 * side), (rim, -0.92 * side)]), round_about)
     return {
-        "tyre": revolved(np.array(tyre), segments),
+        "tyre": revolved(np.array(tyre), round_about),
         "metal": spokes,
         "underbody": join([behind, barrel]),
     }

@@ -7,11 +7,17 @@ from collections.abc import Callable
 import numpy as np
 
 from cnca.core.errors import MeshError, SceneError, did_you_mean
+from cnca.world.builtin.car_park import build as car_park
+from cnca.world.builtin.country_road import build as country_road
+from cnca.world.builtin.crossing import build as crossing
 from cnca.world.builtin.street import build as street
 from cnca.world.model import World
 
 BUILTIN_WORLDS: dict[str, Callable[[np.random.Generator], World]] = {
     "street": street,
+    "crossing": crossing,
+    "car_park": car_park,
+    "country_road": country_road,
 }
 """Builders by name; scenes call them ``builtin:street`` and so on."""
 

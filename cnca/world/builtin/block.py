@@ -46,23 +46,31 @@ class Block:
     """Share of houses with a shop."""
     storeys: tuple[int, int] = (2, 5)
     """Fewest and most storeys above the ground floor."""
+    parked: float = 0.48
+    """Share of the bays outside of the clear stretches that are taken."""
+    houses: tuple[Span, Span] | None = None
+    """Where houses stand on the left and on the right for one who looks along x; None is all."""
 
     def turned(self) -> Block:
         """The same stretch for one who looks the other way."""
-        return replace(
-            self, x=(-self.x[1], -self.x[0]), clear=tuple((-b, -a) for a, b in self.clear)
-        )
+        houses = self.houses and (_mirrored(self.houses[1]), _mirrored(self.houses[0]))
+        clear = tuple(_mirrored(span) for span in self.clear)
+        return replace(self, x=_mirrored(self.x), clear=clear, houses=houses)
 
     def is_clear(self, x: float, margin: float = 0.0) -> bool:
         """Whether x lies in a stretch that is to be kept clear, or ``margin`` metres from one."""
         return any(a - margin < x < b + margin for a, b in self.clear)
 
 
+def _mirrored(span: Span) -> Span:
+    return -span[1], -span[0]
+
+
 def build_block(site: Site, rng: np.random.Generator, pose: Pose, block: Block) -> None:
     """Both sides of a street without its moving traffic."""
     half(site, rng, pose, block)
     half(site, rng, pose.then(0.0, 0.0, 180.0), block.turned())
-    site.add("marking", dashes(rng, (block.x[0] + 2, block.x[1] - 2), 0.0), pose)
+    site.add("marking", dashes(rng, (block.x[0] + 7, block.x[1] - 7), 0.0), pose)
 
 
 def half(site: Site, rng: np.random.Generator, pose: Pose, block: Block) -> None:
@@ -90,7 +98,7 @@ def _parking(site: Site, rng: np.random.Generator, pose: Pose, block: Block) -> 
         site.add("marking", bar(rng, float(end), (LANE + 0.06, PARKING - 0.1), 0.1), pose)
     for end in ends[:-1]:
         middle = float(end + BAY / 2 + rng.normal(0, 0.12))
-        if block.is_clear(middle, 3.0) or rng.random() > 0.48:
+        if block.is_clear(middle, 3.0) or rng.random() > block.parked:
             continue
         turn = 180.0 if rng.random() < 0.93 else 0.0
         y = (LANE + PARKING) / 2 + 0.08 + rng.normal(0, 0.06)
@@ -132,7 +140,7 @@ def _between(site: Site, rng: np.random.Generator, pose: Pose, y: float) -> None
 
 
 def _houses(site: Site, rng: np.random.Generator, pose: Pose, block: Block) -> None:
-    left, right = block.x
+    left, right = first, last = block.houses[0] if block.houses else block.x
     while right - left > 1e-6:
         width = float(rng.uniform(10.0, 19.0))
         if right - left - width < 10.0:
@@ -141,7 +149,7 @@ def _houses(site: Site, rng: np.random.Generator, pose: Pose, block: Block) -> N
         style = replace(style, storeys=int(np.clip(style.storeys, *block.storeys)))
         setback = float(rng.choice([0.0, 0.0, 0.3]))
         foot = pose.then(left, FACADES + setback, up=KERB)
-        corners = (left == block.x[0], left + width >= right)
+        corners = (left == first, left + width >= last)
         shop = bool(rng.random() < block.shops)
         door = house(site, rng, foot, style, width, shop=shop, corners=corners)
         _forecourt(site, rng, pose.then(left, 0.0, up=KERB), width, door)

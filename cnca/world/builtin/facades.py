@@ -191,7 +191,7 @@ def balcony(site: Site, pose: Pose, x: Span, z: float) -> None:
     front = np.stack([left, 0 * left - deep + 0.03, 0 * left + z], axis=-1)
     out = np.arange(-deep + 0.15, -0.05, 0.14)
     sides = [np.stack([0 * out + end, out, 0 * out + z], axis=-1) for end in (x[0], x[1] - 0.02)]
-    bar = box((0, 0, 0), (0.02, 0.02, 0.95), sides="-x+x-y+y")
+    bar = box((0, 0, 0), (0.02, 0.02, 0.95), sides="-x-y")
     bars = [repeat(bar, np.concatenate([front, *sides]))]
     rail = box((x[0], -deep + 0.01, z + 0.95), (x[1], -deep + 0.07, z + 1.0), sides="-x+x-y+y+z-z")
     for near in (x[0], x[1] - 0.02):

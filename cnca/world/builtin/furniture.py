@@ -100,7 +100,7 @@ def railing(site: Site, pose: Pose, length: float, high: float = 0.95) -> None:
     """A fence of iron bars from x = 0 to ``length`` on a low wall."""
     wall = box((0, -0.12, 0), (length, 0.12, 0.28))
     site.add("ashlar_grey", wall, pose)
-    bars = _row(box((0, -0.01, 0.28), (0.02, 0.01, high), sides="-x+x-y+y"), 0.06, length, 0.13)
+    bars = _row(box((0, -0.01, 0.28), (0.02, 0.01, high), sides="-y+y"), 0.06, length, 0.13)
     rails = [
         box((0, -0.02, z), (length, 0.02, z + 0.03), sides=ALL_SIDES) for z in (0.36, high - 0.12)
     ]

@@ -49,11 +49,15 @@ def quads(
 
     Without ``uvs`` the picture lies in the plane in metres from the world's origin (moved by
     ``offset``), its u along the lower edge: what lies in one plane is covered without a seam.
+    Those without an area are left out.
     """
     corners = np.asarray(corners, dtype=float)
+    across = _cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    whole = np.linalg.norm(across, axis=1) > 1e-9
+    corners, uvs = corners[whole], None if uvs is None else np.asarray(uvs)[whole]
     along = _unit(corners[:, 1] - corners[:, 0])
     # The longer diagonal product is right for triangles too, which repeat a corner.
-    normal = _unit(_cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]))
+    normal = _unit(across[whole])
     if uvs is None:
         across = _cross(normal, along)
         uvs = np.stack(

@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from cnca.world.builtin.meshes import Mesh, blob, box, merge, tube
+from cnca.world.builtin.meshes import Mesh, blob, box, merge, quads, tube
 from cnca.world.builtin.site import Pose, Site
 
 Points = Float[np.ndarray, "points 3"]
 KINDS = 4
 """How many trees are grown; all others are these, turned."""
-FAR = 45.0
+FAR = 32.0
 """Metres from the world's origin from which a tree has fewer and larger leaves."""
 
 
@@ -57,19 +57,20 @@ def grown(kind: int, *, near: bool) -> dict[str, Mesh]:
     t = np.linspace(0, 1, 6)[:, None]
     path = t * [[*rng.normal(0, 0.15, 2), 0.75 * height]]
     wood = [tube(path, np.linspace(0.19, 0.07, 6) + 0.07 * (np.arange(6) == 0), 9)]
-    tufts, size = (135, 0.42) if near else (45, 0.72)
+    blobs, tufts, size, rings = (19, 160, 0.36, 4) if near else (11, 46, 0.80, 3)
     leaves, cores = [], []
-    for number in range(19):
-        level = (number + rng.uniform()) / 19
+    for number in range(blobs):
+        level = (number + rng.uniform()) / blobs
         spread = reach * np.sin(np.pi * (0.20 + 0.70 * level)) ** 0.8
         angle, out = rng.uniform(0, 2 * np.pi), spread * np.sqrt(rng.uniform(0.05, 0.75))
         up = stem + 0.6 + level * (height - stem - 1.3)
         centre = np.array([out * np.cos(angle), out * np.sin(angle), up])
-        radii = rng.uniform(0.75, 1.2) * np.array([1.0, 1.0, 0.8])
+        radii = rng.uniform(0.75, 1.2) * (19 / blobs) ** 0.4 * np.array([1.0, 1.0, 0.8])
         fork = path[2 + int(3 * level)]
         branch = np.stack([fork, (fork + centre) / 2 + [0, 0, -0.1], centre])
-        wood.append(tube(branch, np.array([0.06, 0.04, 0.02]), 5))
-        cores.append(blob(centre, 0.62 * radii, rng, roughness=0.1, rings=4))
+        if near:
+            wood.append(tube(branch, np.array([0.06, 0.04, 0.02]), 5))
+        cores.append(blob(centre, 0.62 * radii, rng, roughness=0.1, rings=rings))
         outward = _unit(rng.standard_normal((tufts, 3)))
         depth = rng.uniform(0.65, 1.12, (tufts, 1))
         leaves.append(foliage(centre + depth * radii * outward, outward, rng, size))
@@ -92,7 +93,10 @@ def hedge(
     """A clipped hedge from x = 0 to ``length``, 0.6 m thick."""
     core = box((0.06, -0.22, 0.0), (length - 0.06, 0.22, high - 0.08))
     site.add("shade", core, pose)
-    count = int(length * (2 * high + 0.6) * 55)
+    # Far from the middle of the world a hedge has fewer and larger leaves.
+    near = bool(np.hypot(pose.x, pose.y) < FAR)
+    density, size = (55, 0.17) if near else (18, 0.30)
+    count = int(length * (2 * high + 0.6) * density)
     around = rng.uniform(0, 2 * high + 0.6, count)
     x = rng.uniform(0.0, length, count)
     front, back = around < high, around > high + 0.6
@@ -100,7 +104,7 @@ def hedge(
     z = np.where(front, around, np.where(back, around - high - 0.6, high - 0.02))
     outward = np.stack([0 * x, -1.0 * front + 1.0 * back, 1.0 * ~(front | back)], axis=-1)
     points = np.stack([x, y, z], axis=-1) + rng.normal(0, 0.03, (count, 3))
-    site.add("leaves_dark", foliage(points, outward, rng, 0.17), pose)
+    site.add("leaves_dark", foliage(points, outward, rng, size), pose)
 
 
 def bush(site: Site, rng: np.random.Generator, pose: Pose, radius: float = 0.5) -> None:
@@ -113,6 +117,21 @@ def bush(site: Site, rng: np.random.Generator, pose: Pose, radius: float = 0.5) 
     points[:, 2] = np.maximum(points[:, 2], 0.03)
     tone = str(rng.choice(["leaves", "leaves_dark", "leaves_light"]))
     site.add(tone, foliage(points, outward, rng, 0.20), pose)
+
+
+def tussocks(feet: Float[np.ndarray, "tufts 2"], rng: np.random.Generator) -> Mesh:
+    """Tufts of tall grass at points of level ground: six blades of 20 to 50 cm each."""
+    feet = np.repeat(feet, 6, axis=0) + rng.normal(0, 0.05, (6 * len(feet), 2))
+    count = len(feet)
+    angle = rng.uniform(0, 2 * np.pi, count)
+    facing = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    across = np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=-1)
+    high, wide = rng.uniform(0.15, 0.45, (count, 1)), rng.uniform(0.004, 0.012, (count, 1))
+    foot = np.concatenate([feet, np.full((count, 1), -0.06)], axis=1)
+    lean = 0.4 * high * rng.standard_normal((count, 1)) * facing
+    top, middle = foot + lean + high * [0.0, 0.0, 1.0], foot + 0.25 * lean + 0.5 * high * [0, 0, 1]
+    corners = np.stack([foot, middle + wide * across, top, middle - wide * across], axis=1)
+    return quads(corners, rng.uniform(0, 1, (count, 1, 2)) + 0.01 * np.eye(4)[:, :2])
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from cnca.detect.classes import COCO
 from cnca.world.builtin import BUILTIN_WORLDS, build
 from cnca.world.model import Place, World
 
-MOST_TRIANGLES = 450_000
+MOST_TRIANGLES = 480_000
 
 
 @pytest.fixture(scope="module", params=BUILTIN_WORLDS)
