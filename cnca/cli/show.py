@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +20,24 @@ if TYPE_CHECKING:
     from cnca.jobs.attack.forecast import Forecast
     from cnca.jobs.attack.request import Request
     from cnca.jobs.attack.rerun import Rerun
+    from cnca.jobs.datasets.carla import FrameProblem, FrameRecord
+    from cnca.jobs.datasets.rendered import Rendered
     from cnca.jobs.hardening_request import HardeningRequest
+    from cnca.jobs.render_request import RenderRequest
+    from cnca.jobs.vehicle.reorder_uv import Reordering
     from cnca.judge.records import Evidence, PhotoEvidence
+
+LAYOUT = {
+    "charts": "charts",
+    "seam_length": "seams, m",
+    "stretch": "L² stretch",
+    "density_spread": "texels per metre, 95th over 5th percentile",
+    "used": "share of the texture in use",
+    "overlap": "share of it used twice",
+}
+"""Measures of a UV layout, of the painted faces that can be seen from outside."""
+GRADIENT = {"seconds": ".2f", "cosine": ".3f", "length": ".3f"}
+"""Measures of a shortened gradient, with their digits."""
 
 
 def messages() -> Console:
@@ -48,6 +65,12 @@ def ending(results: Mapping[str, Path], *following: list[object]) -> None:
     for number, words in enumerate(following):
         command = shlex.join(["cnca", *map(str, words)])
         line(f"{'or' if number else 'next'}: {command}")
+
+
+def measured(path: Path, *following: list[object]) -> None:
+    """The last lines of a measurement, which writes ``path`` as .md, .json and .png."""
+    files = {"table": ".md", "numbers": ".json", "picture": ".png"}
+    ending({what: path.with_suffix(suffix) for what, suffix in files.items()}, *following)
 
 
 def attack(request: Request, summary: dict[str, Any]) -> None:
@@ -82,14 +105,7 @@ def forecast(expected: Forecast) -> None:
 def attack_table(out: Path, name: str) -> None:
     """The table of several attacks."""
     line((out / f"{name}.md").read_text(encoding="utf-8"))
-    path = out / name
-    ending(
-        {
-            "table": path.with_suffix(".md"),
-            "numbers": path.with_suffix(".json"),
-            "picture": path.with_suffix(".png"),
-        },
-    )
+    measured(out / name)
 
 
 def chosen_tau(out: Path, choice: Choice) -> None:
@@ -139,3 +155,94 @@ def hardening(request: HardeningRequest) -> None:
     line((request.out / "hardening.md").read_text(encoding="utf-8"))
     line(f"hardened detector: --detector {request.hardened}")
     ending({"table": request.out / "hardening.md"}, ["report", request.out])
+
+
+def renders(request: RenderRequest, records: list[dict[str, Any]], *, explain: bool) -> None:
+    """Where the pictures are and what they took; with ``explain`` the plan, whose errors and shares
+    of the time are predictions.
+    """
+    if explain:
+        rows = [
+            [row["effect"], str(row["model"]), row["why"]]
+            + [f"{row['error']:.2%}", f"{row['time_share']:.0%}"]
+            for row in records[0]["plan"]
+        ]
+        table(["effect", "model", "why", "error", "time"], rows)
+    for record in records:
+        seconds = record["seconds"]
+        line(
+            f"{request.out.parent / record['picture']}: first call {seconds['first']:.2f} s, "
+            f"steady {seconds['steady']:.2f} s"
+        )
+    if not explain:
+        ending({}, ["render-scene", request.scene, "-o", request.out, "--explain"])
+
+
+def price_list(out: Path, report: dict[str, Any]) -> None:
+    """How good the reference is, and what the plans reach."""
+    from cnca.jobs.accuracy.price_list import describe_reference
+
+    line(describe_reference(report["reference"]))
+    for rung in report["rungs"]:
+        if rung["target"] is not None:
+            spent = rung["seconds"]["steady"]["forward"]
+            line(f"{rung['name']}: error {rung['error']:.2%} in {spent:.2f} processor seconds")
+    measured(out / "accuracy")
+
+
+def gradient_prices(out: Path, report: dict[str, Any]) -> None:
+    """What going back through fewer denoising steps costs."""
+    rows = [
+        [str(row["steps"]), *(f"{row[key]:{how}}" for key, how in GRADIENT.items())]
+        for row in report["prices"]
+    ]
+    table(["last steps", *GRADIENT], rows)
+    measured(out / "generator")
+
+
+def dataset(out: Path, report: Rendered) -> None:
+    """How far a data set has come."""
+    speed = report.per_second
+    rate = f", {parallel.count() * speed:.2f} a second" if speed else ""
+    line(f"{out}: {report.rendered} pictures rendered{rate}, {report.done} there in all")
+
+
+def frames(out: Path, records: Sequence[FrameRecord | FrameProblem]) -> None:
+    """How well the mesh meets CARLA's frames."""
+    from cnca.jobs.datasets.carla import FrameProblem
+
+    rows = []
+    for record in records:
+        if isinstance(record, FrameProblem):
+            rows.append([record.source, record.problem, "", ""])
+            continue
+        pixels = record.outline_pixels
+        numbers = f"{record.lift:.3f}", f"{pixels.median:.1f}", f"{pixels.percentile_90:.1f}"
+        rows.append([record.source, *numbers])
+    table(["frame", "lift, m", "outline, px: median", "90th percentile"], rows)
+    ending({"data set": out})
+
+
+def layouts(out: Path, report: Reordering) -> None:
+    """The layouts before and after."""
+    both = report.before, report.after
+    rows = [
+        [meaning, *(f"{getattr(layout, key):.4g}" for layout in both)]
+        for key, meaning in LAYOUT.items()
+    ]
+    table(["layout", f"before: {report.was}", "after"], rows)
+    line(f"scene: vehicle: {json.dumps(report.vehicle)}")
+    ending(
+        {"numbers": out.with_suffix(".json"), "picture": out.with_suffix(".png"), "mesh": out},
+        ["check-vehicle", out, "--up", "z"],
+    )
+
+
+def corrections(out: Path, report: dict[str, Any]) -> None:
+    """What an EFR came to."""
+    line(
+        f"{out}: mean absolute error {report['error_before']:.4f} before, "
+        f"{report['error_after']:.4f} after, on {report['test_views']} views not trained on"
+    )
+    if report["carla"]:
+        line("one car in one paint: says nothing about other textures, cars or weathers")

@@ -91,17 +91,22 @@ def train_efr(
     resume: Resume = False,
 ) -> None:
     """Train an EFR that corrects cheap renders towards path-traced ones or photographs."""
-    from cnca.cli import data_output as terminal
+    from cnca.cli import show
+    from cnca.core import parallel
+    from cnca.jobs.train_efr import train_efr  # loads the renderer
 
-    terminal.train_efr(
-        out,
-        scenes=from_render or [],
-        carla=carla,
-        carla_scene=carla_scene,
-        backend=backend,
-        samples=spp,
-        views=views,
-        epochs=epochs,
-        seed=seed,
-        resume=resume,
-    )
+    with parallel.joined():
+        report = train_efr(
+            out,
+            scenes=from_render or [],
+            carla=carla,
+            carla_scene=carla_scene,
+            backend=backend,
+            samples=spp,
+            views=views,
+            epochs=epochs,
+            seed=seed,
+            resume=resume,
+            console=show.messages(),
+        )
+        show.corrections(out, report)

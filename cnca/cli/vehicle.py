@@ -9,6 +9,9 @@ import typer
 
 from cnca.cli.app import app
 from cnca.cli.help import BEGIN, VEHICLES
+from cnca.cli.options import Given, takes
+from cnca.core.options import OUTPUT
+from cnca.jobs.vehicle.source import Source
 
 
 @app.command("check-vehicle", rich_help_panel=VEHICLES)
@@ -41,6 +44,24 @@ def check_vehicle(
             typer.echo(out / "vehicle.png")
             typer.echo(out / "scene.yaml")
     raise typer.Exit(0 if report.usable else 1)
+
+
+@app.command("reorder-uv", rich_help_panel=VEHICLES)
+@takes(Source)
+def reorder_uv(
+    source: Given[Source],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="OBJ file to write.", rich_help_panel=OUTPUT)
+    ],
+    size: Annotated[
+        int, typer.Option(help="Texels per side of carried textures.", rich_help_panel=OUTPUT)
+    ] = 2048,
+) -> None:
+    """Lay out a vehicle's UVs so that its painted outside is connected, and compare."""
+    from cnca.cli import show
+    from cnca.jobs.vehicle.reorder_uv import reorder_uv
+
+    show.layouts(out, reorder_uv(source.record(), out, size=size))
 
 
 @app.command("print-sheets", rich_help_panel=VEHICLES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,63 +12,40 @@ import torch
 
 from cnca import build
 from cnca.core.color import linear_to_srgb
-from cnca.core.errors import RunError
 from cnca.core.images import write_exr
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import as_pictures, write_png
 from cnca.core.types import LinearImages, LinearTexture
+from cnca.effects.catalog import parse_effects
 from cnca.effects.effect import Model
 from cnca.effects.explain import explain
 from cnca.effects.plan import Demand
 from cnca.effects.protocols import PlanningRenderer
+from cnca.jobs.render_request import RenderRequest
 from cnca.scene.cameras import View
 from cnca.scene.schema import Scene, load_scene
 
-FORMATS = (".png", ".exr")
 
-
-def render_scene(
-    scene_file: Path,
-    out: Path,
-    *,
-    view: str | None = None,
-    all_views: bool = False,
-    samples: int | None = None,
-    demand: Demand | None = None,
-    texture: Path | None = None,
-    seed: int = 0,
-) -> list[dict[str, Any]]:
+def render_scene(request: RenderRequest) -> list[dict[str, Any]]:
     """Render views of a scene file and write each with a JSON record beside it.
-
-    Args:
-        out: ``.png`` or ``.exr``; with ``all_views`` each view's name is put before the ending.
-        view: name of the view; by default the first.
-        samples: rays per pixel; by default the scene's, or what a target error takes.
-        demand: which effects to render how; by default the usual ones.
-        texture: sRGB picture for the paint; by default the scene's own paint.
 
     Returns:
         The records, one per view: view, seed, plan, seconds (first call and steady), bounding box
         (xyxy in pixels), versions, and SHA-256 of all files that were read.
     """
-    if out.suffix.lower() not in FORMATS:
-        raise RunError(f"{out}: pictures are written as {' or '.join(FORMATS)}; change the ending")
-    if samples is not None and samples < 1:
-        raise RunError(f"--spp {samples}: a picture needs at least one ray per pixel")
-    scene = load_scene(scene_file)
-    views = build.choose_views(scene, view, every=all_views)
+    out, texture, seed = request.out, request.texture, request.seed
+    scene = load_scene(request.scene)
+    views = build.choose_views(scene, request.view, every=request.all_views)
     vehicle = build.build_vehicle(scene)
     painted = build.build_paint(scene, vehicle).apply(
         build.read_texture(texture) if texture else None
     )
-    demand = demand or Demand()
-    named: dict[str, Model] = {"samples": samples} if samples else {}
-    demand = replace(demand, forced={"gradient": "off", **named, **demand.forced})
+    demand = _demand(request)
     renderer = build.build_renderer(scene, vehicle, demand=demand)
-    inputs = hashes([*build.scene_files(scene, scene_file), *([texture] if texture else [])])
+    inputs = hashes([*build.scene_files(scene, request.scene), *([texture] if texture else [])])
     records = []
     for each in views:
-        path = out.with_name(f"{out.stem}_{each.name}{out.suffix}") if all_views else out
+        path = out.with_name(f"{out.stem}_{each.name}{out.suffix}") if request.all_views else out
         box = renderer.vehicle_boxes([each])[0].tolist()
         images, first = _timed(renderer, painted, each, scene, seed)
         _write(path, images, renderer, each)
@@ -88,6 +65,14 @@ def render_scene(
         write_json(path.with_suffix(".json"), record)
         records.append(record)
     return records
+
+
+def _demand(request: RenderRequest) -> Demand:
+    """Which effects to render how; raises CncaError for an effect or model that there is not."""
+    forced: dict[str, Model] = {"gradient": "off"}
+    if request.samples is not None:
+        forced["samples"] = request.samples
+    return Demand(request.target_error, request.reference, forced | parse_effects(request.effects))
 
 
 @torch.no_grad()

@@ -11,6 +11,7 @@ import pydantic
 import pytest
 
 from cnca import __version__, cli
+from cnca.cli.attack import optimize
 from cnca.cli.render import accuracy_generator
 from cnca.core.errors import SceneError
 from cnca.gen import GUIDANCE
@@ -54,7 +55,8 @@ def test_version_says_all_versions_that_matter_at_once():
 
 
 def test_generators_are_guided_as_without_the_command_line():
-    assert signature(accuracy_generator).parameters["guidance"].default == GUIDANCE
+    for command in (optimize, accuracy_generator):
+        assert signature(command).parameters["guidance"].default == GUIDANCE
 
 
 def test_unknown_command_names_the_nearest():

@@ -16,13 +16,12 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 from cnca import build
-from cnca.core.errors import RunError
 from cnca.core.files import replacing
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
-from cnca.gen import GUIDANCE
 from cnca.gen.feature import initial
+from cnca.jobs.accuracy.request import GradientRequest
 from cnca.scene.controls import random_blocks
 from cnca.scene.protocols import TextureGenerator
 
@@ -33,55 +32,41 @@ SPREAD = 0.1
 """Standard deviation of the F_adv at which gradients are taken."""
 
 
-def generator_accuracy(
-    out: Path,
-    *,
-    prompt: str,
-    generator: Path | None = None,
-    feature: str = "concat",
-    guidance: float = GUIDANCE,
-    probes: int = 3,
-    seed: int = 0,
-    console: Console,
-) -> dict[str, Any]:
+def generator_accuracy(request: GradientRequest, console: Console) -> dict[str, Any]:
     """Compare gradients through the last K steps with that through all; return the report.
 
     Writes ``generator.json``, ``.md`` and ``.png`` into ``out``.  A probe is what a loss might ask
     of the texture: the mean of its texels, weighted at random in 16×16 blocks.  Seconds are
     those of one texture and its gradient, the fastest of the probes, with gradient checkpointing
     and without.
-
-    Raises:
-        RunError: ``probes`` is below 1.
     """
-    if probes < 1:
-        raise RunError(f"--probes {probes}: give at least 1")
+    out = request.out
     gradients: dict[int, list[Tensor]] = {}
     seconds: dict[int, list[float]] = {}
-    inputs = hashes(build.generator_files(generator))
-    asked: dict[str, Any] = {"prompt": prompt, "generator": generator, "feature": feature}
-    asked |= {"guidance": guidance, "probes": probes, "seed": seed}
-    RunFolder(out, "accuracy-generator").renew(asked, inputs)
+    inputs = hashes(build.generator_files(request.generator))
+    RunFolder(out, "accuracy-generator").renew(request, inputs)
     with bar(console) as progress:
         for last in progress.track(CHOICES, description="gradients"):
             seconds[last] = []
             for checkpointing in (True, False):
                 shortened = build.build_generator(
-                    generator,
-                    feature=feature,
-                    guidance=guidance,
+                    request.generator,
+                    feature=request.feature,
+                    guidance=request.guidance,
                     gradient_steps=last,
                     gradient_checkpointing=checkpointing,
                 )
-                gradients[last], fastest = _gradients(shortened, prompt, probes, seed)
+                gradients[last], fastest = _gradients(
+                    shortened, request.prompt, request.probes, request.seed
+                )
                 seconds[last].append(fastest)
     report: dict[str, Any] = {
-        "prompt": prompt,
-        "generator": str(generator or "shipped"),
-        "feature": feature,
-        "guidance": guidance,
-        "probes": probes,
-        "seed": seed,
+        "prompt": request.prompt,
+        "generator": str(request.generator or "shipped"),
+        "feature": request.feature,
+        "guidance": request.guidance,
+        "probes": request.probes,
+        "seed": request.seed,
         "versions": versions(),
         "prices": prices(gradients, seconds),
     }

@@ -34,6 +34,7 @@ from cnca.jobs.accuracy.fidelity import (
 )
 from cnca.jobs.accuracy.price_list import write_picture, write_table
 from cnca.jobs.accuracy.reference import Bench, Reference, agreement, converge, fingerprint
+from cnca.jobs.accuracy.request import AccuracyRequest
 from cnca.scene.schema import load_scene
 
 TARGETS = (0.01, 0.02, 0.05, 0.10)
@@ -108,42 +109,27 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
     }
 
 
-def accuracy(
-    scene_file: Path,
-    out: Path,
-    *,
-    seconds: float,
-    view: str | None = None,
-    detector: str = "builtin",
-    volpath: bool = False,
-    console: Console,
-) -> dict[str, Any]:
+def accuracy(request: AccuracyRequest, console: Console) -> dict[str, Any]:
     """Measure the ladder on one view; write ``accuracy.json``, ``.md`` and ``.png`` into ``out``.
 
     The same call goes on where an earlier one was interrupted or ran out of time.
-
-    Args:
-        seconds: budget; the reference takes at most two fifths of it.
-        volpath: the reference's picture is that of Mitsuba's volumetric path tracer.
 
     Returns:
         What ``accuracy.json`` holds.
 
     Raises:
-        RunError: no time, or ``volpath`` for a scene without fog.
+        RunError: ``volpath`` for a scene without fog.
     """
-    if not seconds > 0:
-        raise RunError(f"--seconds {seconds:g}: give a number above 0")
+    scene_file, out, seconds = request.scene, request.out, request.seconds
+    detector, volpath = request.detector, request.volpath
     started = time.monotonic()
     scene = load_scene(scene_file)
     if volpath and (scene.fog is None or scene.fog.height == 0):
         raise RunError(f"{scene_file}: --volpath is for fog, and the scene has none; leave it out")
-    bench = Bench(scene, build.choose_views(scene, view)[0], build.build_detector(detector))
+    bench = Bench(scene, build.choose_views(scene, request.view)[0], build.build_detector(detector))
     key = fingerprint(scene, bench.view, volpath=volpath)
-    asked = {"scene": scene_file, "seconds": seconds, "view": view}
-    asked |= {"detector": detector, "volpath": volpath}
     inputs = [*build.scene_files(scene, scene_file), *detector_files(detector)]
-    RunFolder(out, "accuracy").renew(asked, hashes(inputs))
+    RunFolder(out, "accuracy").renew(request, hashes(inputs))
     reference = converge(
         bench,
         out / f"reference_{key}.pt",

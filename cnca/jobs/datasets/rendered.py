@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -27,6 +26,7 @@ from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
 from cnca.effects.plan import Demand
 from cnca.jobs.datasets.layout import DataSet, Mask
+from cnca.jobs.datasets.request import DatasetRequest
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
 from cnca.scene.cameras import View
 from cnca.scene.grid import COLOURS, SHARING, Grid, Setting
@@ -44,38 +44,24 @@ def parse_shard(text: str) -> tuple[int, int]:
     raise RunError(f"--shard {text}: give I/N such as 2/4, the second of four parts")
 
 
-def render_dataset(
-    scene_file: Path,
-    out: Path,
-    *,
-    images: int | None = None,
-    shard: str = "1/1",
-    tar: bool = False,
-    samples: int | None = None,
-    console: Console,
-) -> Rendered:
-    """Render what is missing of the first ``images`` pictures; see :mod:`.layout`.
-
-    Args:
-        images: by default the whole grid.
-        shard: which part of them to render, such as 2/4.
-        tar: whether to pack the pictures for WebDataset, too.
-        samples: rays per pixel; by default the scene's.
+def render_dataset(request: DatasetRequest, console: Console) -> Rendered:
+    """Render what is missing of the first ``request.images`` pictures; see :mod:`.layout`.
 
     Raises:
         RunError: the folder holds another data set, or a number is out of range.
     """
-    scene = load_scene(scene_file)
-    grid, (part, parts) = Grid(scene), parse_shard(shard)
-    count = len(grid) if images is None else images
+    scene = load_scene(request.scene)
+    grid, (part, parts) = Grid(scene), parse_shard(request.shard)
+    count = len(grid) if request.images is None else request.images
     if not 1 <= count <= len(grid):
         raise RunError(f"--images {count}: the scene's grid has 1 to {len(grid)}")
-    samples = samples or scene.image.samples
-    data = DataSet(out, scene.vehicle.label)
-    request = {"scene": scene.model_dump(mode="json"), "samples": samples}
-    inputs = hashes(build.scene_files(scene, scene_file))
+    samples = request.samples or scene.image.samples
+    data = DataSet(request.out, scene.vehicle.label)
+    content = {"scene": scene.model_dump(mode="json"), "samples": samples}
+    inputs = hashes(build.scene_files(scene, request.scene))
     # The same command goes on without a word: its parts run side by side, in any order.
-    parallel.by_first(lambda: RunFolder(out, "render-dataset").claim(request, inputs, resume=True))
+    folder = RunFolder(request.out, "render-dataset")
+    parallel.by_first(lambda: folder.claim(content, inputs, resume=True))
     part, parts = part - 1 + parts * parallel.rank(), parts * parallel.count()
     own = [k for k in range(count) if k // SHARING % parts == part]
     missing = [k for k in own if not data.has(k)]
@@ -87,7 +73,7 @@ def render_dataset(
             data.add(index, *shot, occluded=occluded, others=others)
         per_second = shown.tasks[0].speed
     rendered = sum(parallel.gathered([len(missing)]))
-    parallel.by_first(lambda: data.finish(tar=tar))
+    parallel.by_first(lambda: data.finish(tar=request.tar))
     return Rendered(rendered, len(data.indices()), per_second)
 
 

@@ -20,6 +20,7 @@ from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.core.records import as_json
 from cnca.core.types import SrgbTexture
+from cnca.jobs.vehicle.source import Source
 from cnca.scene.cameras import orbit_view
 from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene
@@ -38,18 +39,6 @@ SHOWN, TEXELS = 384, 1024
 """Pixels per side of each picture, and of the texture that it shows."""
 OVERLAPPING = 0.05
 """Share of doubly used texture from which a layout cannot carry one paint."""
-
-
-@dataclass(frozen=True)
-class Source:
-    """A mesh as its file has it, with the textures in its UV space."""
-
-    mesh: str
-    up: str = "y"
-    front: str = "+x"
-    scale: float = 1.0
-    paint_mask: Path | None = None
-    base_texture: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from cnca.core.errors import RunError
 from cnca.jobs.accuracy import generator as generator_accuracy
+from cnca.jobs.accuracy.request import GradientRequest
 from tests.gen.conftest import tiny, tiny_folder  # noqa: F401
 
 
@@ -30,9 +31,8 @@ def test_cosine_and_length_against_the_full_gradient():
 
 def test_the_command_writes_table_picture_and_numbers(tiny_folder, tmp_path):  # noqa: F811
     out = tmp_path / "prices"
-    report = generator_accuracy.generator_accuracy(
-        out, prompt="zebra", generator=tiny_folder, probes=1, console=Console(quiet=True)
-    )
+    request = GradientRequest(out, "zebra", generator=tiny_folder, probes=1)
+    report = generator_accuracy.generator_accuracy(request, Console(quiet=True))
     assert json.loads((out / "generator.json").read_text())["prices"] == report["prices"]
     rows = {row["steps"]: row for row in report["prices"]}
     assert rows[20]["cosine"] == pytest.approx(1)
@@ -43,6 +43,4 @@ def test_the_command_writes_table_picture_and_numbers(tiny_folder, tmp_path):  #
 
 def test_no_probes_are_refused(tmp_path):
     with pytest.raises(RunError, match="--probes 0"):
-        generator_accuracy.generator_accuracy(
-            tmp_path, prompt="zebra", probes=0, console=Console(quiet=True)
-        )
+        GradientRequest(tmp_path, "zebra", probes=0)

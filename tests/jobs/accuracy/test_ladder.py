@@ -16,7 +16,10 @@ from cnca.jobs.accuracy import ladder as command
 from cnca.jobs.accuracy import reference as reference_module
 from cnca.jobs.accuracy.ladder import Rung, accuracy, pareto_front
 from cnca.jobs.accuracy.price_list import describe_reference
+from cnca.jobs.accuracy.request import AccuracyRequest
 from cnca.scene.schema import load_scene
+
+QUIET = Console(quiet=True)
 
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 16}
@@ -45,7 +48,7 @@ def measured(scene):
         patch.setattr(command, "ladder", lambda: iter(RUNGS))
         patch.setattr(reference_module, "ROUND", 64)
         patch.setattr(reference_module, "MOST_ROUNDS", 2)
-        report = accuracy(scene, scene.parent / "out", seconds=600, console=Console(quiet=True))
+        report = accuracy(AccuracyRequest(scene, scene.parent / "out", 600), QUIET)
     return scene.parent / "out", report
 
 
@@ -90,7 +93,7 @@ def test_a_second_call_measures_nothing_again(measured, scene, monkeypatch):
     monkeypatch.setattr(command, "ladder", lambda: iter(RUNGS))
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 2)
     monkeypatch.setattr(command, "measure", lambda *arguments: pytest.fail("measured again"))
-    again = accuracy(scene, out, seconds=600, console=Console(quiet=True))
+    again = accuracy(AccuracyRequest(scene, out, 600), QUIET)
     assert again["rungs"] == report["rungs"]
 
 
@@ -107,7 +110,7 @@ def test_what_the_budget_does_not_reach_is_named(measured, scene, monkeypatch, t
     monkeypatch.setattr(command, "measure", slow)
     monkeypatch.setattr(reference_module, "ROUND", 4)
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
-    report = accuracy(scene, tmp_path, seconds=600, console=Console(quiet=True))
+    report = accuracy(AccuracyRequest(scene, tmp_path, 600), QUIET)
     assert len(report["rungs"]) == 1
     assert len(report["not_reached"]) == len(RUNGS) - 1
     assert report["not_reached"][0] in (tmp_path / "accuracy.md").read_text()
@@ -153,7 +156,7 @@ def test_the_halves_never_share_random_numbers(monkeypatch, tmp_path):
 
 def test_without_a_budget_nothing_is_measured(tmp_path):
     with pytest.raises(RunError, match="--seconds 0"):
-        accuracy(tmp_path / "x.yaml", tmp_path, seconds=0, console=Console(quiet=True))
+        AccuracyRequest(tmp_path / "x.yaml", tmp_path, seconds=0)
 
 
 def test_the_command_says_how_good_reference_and_plans_are(measured, scene, monkeypatch, capsys):
@@ -182,7 +185,7 @@ def test_volpath_is_the_truth_about_fog(foggy, monkeypatch):
     monkeypatch.setattr(reference_module, "ROUND", 128)
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
     out = foggy.parent / "volpath"
-    report = accuracy(foggy, out, seconds=600, volpath=True, console=Console(quiet=True))
+    report = accuracy(AccuracyRequest(foggy, out, 600, volpath=True), QUIET)
     usual, bare = report["rungs"]
     assert usual["mean_error"] < 0.05
     assert abs(usual["mean"]) < 0.04 + 3 * usual["mean_error"]  # README: 3 to 4 % at worst
@@ -197,13 +200,7 @@ def test_volpath_is_the_truth_about_fog(foggy, monkeypatch):
 def test_volpath_is_refused_where_there_is_no_fog(tmp_path, fog):
     (tmp_path / "clear.yaml").write_text(SCENE + fog)
     with pytest.raises(RunError, match=r"clear\.yaml: --volpath is for fog.*leave it out"):
-        accuracy(
-            tmp_path / "clear.yaml",
-            tmp_path,
-            seconds=60,
-            volpath=True,
-            console=Console(quiet=True),
-        )
+        accuracy(AccuracyRequest(tmp_path / "clear.yaml", tmp_path, 60, volpath=True), QUIET)
 
 
 def test_halves_that_differ_are_said_to():

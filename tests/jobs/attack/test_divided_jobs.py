@@ -10,6 +10,7 @@ from rich.console import Console
 from safetensors.torch import load_file
 
 from cnca.jobs.datasets.rendered import render_dataset
+from cnca.jobs.datasets.request import DatasetRequest
 from tests.core.test_parallel import launch
 from tests.jobs.datasets.test_rendered import SCENE as DATASET_SCENE
 from tests.jobs.datasets.test_rendered import files
@@ -65,7 +66,7 @@ def test_a_training_of_the_efr(folders):
 def test_a_data_set(tmp_path):
     scene = tmp_path / "scene.yaml"
     scene.write_text(DATASET_SCENE)
-    render_dataset(scene, tmp_path / "one", images=12, console=Console(quiet=True))
+    render_dataset(DatasetRequest(scene, tmp_path / "one", images=12), Console(quiet=True))
     command = "cnca", "render-dataset", "--scene", str(scene), "--out", str(tmp_path / "two")
     printed = launch(2, *command, "--images", "12")
     assert printed.count("12 pictures rendered") == 1

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from cnca.core.errors import RunError
 from cnca.jobs.datasets.rendered import parse_shard, render_dataset
+from cnca.jobs.datasets.request import DatasetRequest
 
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 16}
@@ -23,8 +24,8 @@ def render(tmp_path):
     (tmp_path / "scene.yaml").write_text(SCENE)
 
     def call(out: str, **options):
-        console = Console(quiet=True)
-        return render_dataset(tmp_path / "scene.yaml", tmp_path / out, console=console, **options)
+        request = DatasetRequest(tmp_path / "scene.yaml", tmp_path / out, **options)
+        return render_dataset(request, Console(quiet=True))
 
     return call
 

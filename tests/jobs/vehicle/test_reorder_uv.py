@@ -9,7 +9,8 @@ import pytest
 from cnca.core.errors import MeshError, RunError
 from cnca.core.images import write_texture_srgb
 from cnca.core.records import read_record
-from cnca.jobs.vehicle.reorder_uv import Reordering, Source, checkerboard, reorder_uv
+from cnca.jobs.vehicle.reorder_uv import Reordering, checkerboard, reorder_uv
+from cnca.jobs.vehicle.source import Source
 from cnca.vehicle.builtin.sedan import build_sedan
 from cnca.vehicle.mesh.load_mesh import load_vehicle
 from cnca.vehicle.mesh.write_mesh import write_obj
