@@ -51,8 +51,10 @@ def line(text: object) -> None:
 
 
 def table(headings: list[str], rows: list[list[str]]) -> None:
-    """Rows under their headings; what is wider than the terminal wraps."""
-    shown = Table(*headings)
+    """Rows under their headings; what is wider than the terminal wraps, and nothing is cut."""
+    shown = Table()
+    for heading in headings:
+        shown.add_column(heading, overflow="fold")
     for row in rows:
         shown.add_row(*map(Text, row))
     Console().print(shown)

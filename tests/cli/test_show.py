@@ -50,6 +50,17 @@ def test_an_attack_ends_with_the_picture_and_what_is_next(capsys):
     assert [line.partition(":")[0] for line in after[-2:]] == ["next", "or"]
 
 
+def test_words_longer_than_a_column_are_whole(capsys):
+    row = ["interreflections", "Hosek–Wilkie-with-turbidity", "0.25 [0.20, 0.30]"]
+    show.table(["effect", "why", "error"], [row])
+    said = capsys.readouterr().out
+    assert "…" not in said
+    assert max(map(len, said.splitlines())) <= WIDTH
+    assert sorted("".join(row).replace(" ", "")) == sorted(
+        character for line in said.splitlines()[3:-1] for character in line if character not in "│ "
+    )
+
+
 def test_cells_are_no_markup(capsys):
     show.table(["name"], [["[bold]x"]])
     assert "[bold]x" in capsys.readouterr().out
