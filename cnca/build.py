@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +41,7 @@ from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.masks import pad_mask, paint_mask
 from cnca.world.model import World
-from cnca.world.resolve import resolve_world
+from cnca.world.resolve import resolve_world, world_at
 
 if TYPE_CHECKING:
     from cnca.mi_bridge.renderer import MitsubaRenderer
@@ -50,8 +49,6 @@ if TYPE_CHECKING:
 BACKENDS = ("mitsuba", "raster", "cached")
 CACHE_FACTOR = 4
 """Rays per pixel of kept shading relative to those of a picture: its noise stays for ever."""
-WORLDS_KEPT = 4
-"""Worlds whose arrays stay in memory."""
 SEAM_PADDING = 2
 """Texels of paint around every chart, for the filters."""
 SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
@@ -86,17 +83,7 @@ def build_worlds(scene: Scene) -> Callable[[Spot], World] | None:
     if section is None:
         return None
 
-    @lru_cache(maxsize=WORLDS_KEPT)
-    def of_seed(seed: int) -> World:
-        return resolve_world(section, scene.base, seed=seed)
-
-    def around(spot: Spot) -> World:
-        world = of_seed(spot.seed)
-        if spot.place is None:
-            return world.around(world.places[0])
-        return world.around(world.places[1:][int(spot.place * (len(world.places) - 1))])
-
-    return around
+    return lambda spot: world_at(section, scene.base, spot)
 
 
 def build_paint(scene: Scene, vehicle: Vehicle) -> Paint:

@@ -17,7 +17,7 @@ from cnca.core.color import linear_to_srgb
 from cnca.core.errors import NonFiniteError
 from cnca.core.types import SrgbTexture
 from cnca.gen.latents import Latents
-from cnca.scene.variation import draw_views, draw_weathers
+from cnca.world.draw import draw_blocks
 
 VALIDATION_SEED = 7_919
 """Added to a run's seed for the views of the checks."""
@@ -59,8 +59,9 @@ class Validation:
     def __init__(self, attack: Attack, settings: Settings, text_feature: Tensor):
         self.attack, self.settings, self.text_feature = attack, settings, text_feature
         self.seed = settings.seed + VALIDATION_SEED
-        self.weathers = draw_weathers(attack.scene, WEATHERS, seed=self.seed)
-        self.views = draw_views(attack.scene, WEATHERS * VIEWS, seed=self.seed)
+        self.views, self.weathers = draw_blocks(
+            attack.scene, WEATHERS * VIEWS, WEATHERS, seed=self.seed
+        )
 
     @torch.no_grad()
     def look(self, latents: Latents) -> dict[str, Any]:
@@ -75,7 +76,7 @@ class Validation:
         albedo = attack.paint.apply(texture)
         seen = torch.zeros(2, len(attack.targets))
         for k in parallel.share(range(WEATHERS)):
-            views = self.views[k * VIEWS : (k + 1) * VIEWS]
+            views = self.views[k]
             images = attack.render(albedo, views, self.weathers[k], self.seed)
             boxes = attack.renderer.vehicle_boxes(views)
             seen += look(attack.objective, attack.targets, linear_to_srgb(images), boxes)

@@ -43,8 +43,9 @@ from cnca.gen.feature import UPDATES
 from cnca.gen.latents import Latents
 from cnca.scene.cameras import View
 from cnca.scene.schema import Scene
-from cnca.scene.variation import draw_views, draw_weathers, in_blocks
+from cnca.scene.variation import in_blocks
 from cnca.scene.weather import Weather
+from cnca.world.draw import draw_blocks
 
 
 @dataclass
@@ -136,9 +137,7 @@ def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[Vi
         raise RunError(
             f"views_per_step is {count}: give each of the {parallel.count()} processes at least one"
         )
-    weathers = draw_weathers(scene, WEATHERS, seed=settings.seed)
-    every = draw_views(scene, settings.pool_size, seed=settings.seed)
-    in_weather = in_blocks(every, WEATHERS)
+    in_weather, weathers = draw_blocks(scene, settings.pool_size, WEATHERS, seed=settings.seed)
 
     def step_views(step: int) -> tuple[list[View], Weather]:
         turn, k = divmod(step, WEATHERS)

@@ -11,7 +11,7 @@ from cnca.effects.estimate import GradientEffect, SamplesEffect
 from cnca.effects.fog import FogEffect
 from cnca.effects.subject import Contents
 from cnca.effects.surfaces import GlassEffect, InterreflectionEffect, MaterialsEffect
-from cnca.effects.world import SurroundingsEffect
+from cnca.effects.world import CausticsEffect, SurroundingsEffect
 
 _ALL: tuple[Effect, ...] = (
     FogEffect(),
@@ -19,6 +19,7 @@ _ALL: tuple[Effect, ...] = (
     SkyEffect(),
     SurroundingsEffect(),
     InterreflectionEffect(),
+    CausticsEffect(),
     MaterialsEffect(),
     GlassEffect(),
     GradientEffect(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cnca.judge.evaluate import Shots
 from cnca.scene.schema import Scene
-from cnca.scene.variation import draw_views, draw_weathers, in_blocks
+from cnca.world.draw import draw_blocks
 
 HELD_OUT_SEED = 104_729
 """Added to a run's seed."""
@@ -12,6 +12,5 @@ HELD_OUT_SEED = 104_729
 
 def held_out_shots(scene: Scene, count: int, seed: int) -> Shots:
     """Views and weathers of the scene's ranges that the attack with this seed does not see."""
-    weathers = draw_weathers(scene, max(1, min(8, count // 4)), seed=seed + HELD_OUT_SEED)
-    views = draw_views(scene, count, seed=seed + HELD_OUT_SEED)
-    return Shots(in_blocks(views, len(weathers)), weathers, seed)
+    blocks = max(1, min(8, count // 4))
+    return Shots(*draw_blocks(scene, count, blocks, seed=seed + HELD_OUT_SEED), seed)

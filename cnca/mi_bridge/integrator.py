@@ -203,6 +203,12 @@ class Surroundings:
     """The world's light, where its geometry is not traced."""
     photo: PhotographedGround | None = None
     """Ground that shows what the sky's map has below the horizon."""
+    brightest: float | None = None
+    """Most that a surface seen by another reflects of the sun's irradiance, per steradian.
+
+    Without it sun that lacquer or windows throw on a matt surface is met by one path in thousands,
+    a white speck; white paper reflects 1/π.
+    """
 
     @property
     def table(self) -> DirectionTable | None:
@@ -256,6 +262,7 @@ def trace(
     bounces: int,
     differentiable: bool = False,
     lanes: mi.Bool | None = None,
+    reflected: bool = False,
 ) -> tuple[mi.Color3f, list[Reflection]]:
     """Follow one path per ray and return its radiance (linear RGB) and its reflections.
 
@@ -264,6 +271,7 @@ def trace(
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
         differentiable: whether to keep the reflections; the texture has 1 as its derivative then.
         lanes: paths to follow, the others stay dark; by default all.
+        reflected: whether the rays come from a surface, not from a camera.
     """
     sky, fog, probe = surroundings.sky, surroundings.fog, surroundings.probe
     photo, table = surroundings.photo, surroundings.table
@@ -337,6 +345,9 @@ def trace(
                 sunlit &= ~on_photo
             with dr.resume_grad(when=differentiable):
                 f_sun = bsdf.eval(context, si, si.to_local(to_sun), sunlit)
+                if dr.hint(surroundings.brightest is not None, mode="scalar"):
+                    limited = dr.minimum(f_sun, surroundings.brightest)
+                    f_sun = dr.select((depth > 0) | reflected, limited, f_sun)
                 Lr = dr.select(sunlit, β * f_sun * E_sun, 0)
         if dr.hint(counting, mode="scalar"):
             Le += dr.select(on_photo, β * f_photo * photo.sky_irradiance, 0)  # type: ignore[union-attr]

@@ -85,7 +85,7 @@ def panorama(
     ray = mi.Ray3f(origin, d)
     first = [sampler.next_1d() for _ in range(3)]
     with dr.suspend_grad():
-        L, _ = trace(bare.scene, around, sampler, ray, first, bounces=BOUNCES)
+        L, _ = trace(bare.scene, around, sampler, ray, first, bounces=BOUNCES, reflected=True)
         dr.eval(L)
         colors = [np.array(average_samples(color, samples)) for color in L]
     return np.stack(colors, axis=-1).reshape(rows, columns, 3)

@@ -24,7 +24,7 @@ from cnca.mi_bridge.light import (
 )
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.variant import dr, mi
-from cnca.scene.cameras import View
+from cnca.scene.cameras import Spot, View
 from cnca.scene.weather import Weather
 
 FILTER_SAMPLES = 64
@@ -55,17 +55,22 @@ class PlainShading:
         dr.eval(painted, normal, si.uv)
         shape = (len(kept.pixels), FILTER_SAMPLES, -1)
         cover = np.array(painted, np.float32).reshape(shape) / FILTER_SAMPLES
-        gain = cover * self._white(weather)(np.array(normal).T).reshape(shape)
+        if kept.shares is not None:
+            cover *= kept.shares[:, None, None].astype(np.float32)
+        gain = cover * self._white(weather, view.spot)(np.array(normal).T).reshape(shape)
         constant = kept.image.permute(1, 2, 0).reshape(-1, 3).numpy().copy()
         constant[kept.pixels] *= 1 - cover.sum(axis=1)
         uv = np.array(si.uv).T.reshape(shape)
         weights = texel_weights(uv, gain, geometry.texture_size)
         return AffinePicture(constant, kept.pixels, weights)
 
-    def _make_white(self, weather: Weather) -> Callable[[Vectors], Vectors]:
-        light = make_light(weather, self.renderer.ground_albedo)
-        white = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
-        exposure = self.renderer.exposure
+    def _make_white(self, weather: Weather, spot: Spot) -> Callable[[Vectors], Vectors]:
+        renderer, exposure = self.renderer, self.renderer.exposure
+        if renderer.worlds is not None:
+            light, white = renderer.light_at(weather, spot)
+        else:
+            light = make_light(weather, renderer.ground_albedo)
+            white = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
         return matt_white(light.scaled(exposure / white if white > 0 else exposure))
 
 

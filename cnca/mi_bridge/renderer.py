@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -16,14 +16,16 @@ from cnca.effects.catalog import amounts
 from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan, plan
 from cnca.effects.subject import Contents, Subject
-from cnca.effects.world import GEOMETRY
+from cnca.effects.world import BRIGHTEST
 from cnca.mi_bridge.atmosphere import Atmosphere, make_atmosphere
 from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.finite import refuse_non_finite
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.layers import first_hits, mask_boxes, refuse_inside, vehicle_mask
+from cnca.mi_bridge.light import Light
 from cnca.mi_bridge.memory import refuse_too_many, samples_at_once
+from cnca.mi_bridge.portions import REST, WHOLE, Portion, vehicle_part
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.sightings import Sightings
 from cnca.mi_bridge.worlds import Worlds, one_spot
@@ -42,20 +44,6 @@ ROUNDING = 1e-4
 
 VISIBLE_SAMPLES = 64
 """Looks at each pixel for what hides the vehicle there."""
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Which part of a picture is rendered."""
-
-    only: str | None = None
-    """As :class:`cnca.mi_bridge.bridge.Shot` takes it."""
-    rung: str = GEOMETRY
-    """How much of a world takes part, unless a demand says."""
-    shares: Float[np.ndarray, " pixels"] | None = None
-
-
-WHOLE = _Part()
 
 
 class MitsubaRenderer:
@@ -168,8 +156,7 @@ class MitsubaRenderer:
             shares: of what the vehicle covers of each pixel, the share that nothing hides.
         """
         chosen = self.plan(albedo, views, weather, samples=samples)
-        part = _Part("vehicle", "probe", shares)
-        return self._expose(albedo, views, chosen, pixels, seed, part)
+        return self._expose(albedo, views, chosen, pixels, seed, vehicle_part(shares))
 
     def render_rest(
         self,
@@ -182,7 +169,7 @@ class MitsubaRenderer:
     ) -> Float[torch.Tensor, "pixels 3"]:
         """What all but the vehicle adds to these pixels."""
         chosen = self.plan(albedo, views, weather)
-        return self._expose(albedo, views, chosen, pixels, seed, _Part("rest", GEOMETRY))
+        return self._expose(albedo, views, chosen, pixels, seed, REST)
 
     def _expose(
         self,
@@ -191,11 +178,11 @@ class MitsubaRenderer:
         chosen: EffectPlan,
         pixels: Int[np.ndarray, " pixels"] | None,
         seed: int,
-        part: _Part = WHOLE,
+        portion: Portion = WHOLE,
     ) -> Float[torch.Tensor, "*film 3"]:
         if chosen["gradient"] == "off":
             albedo = LinearTexture(albedo.detach())
-        shots = self.shots(chosen, views, pixels, seed=seed, part=part)
+        shots = self.shots(chosen, views, pixels, seed=seed, portion=portion)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
         images = render(texture, shots)
@@ -210,7 +197,7 @@ class MitsubaRenderer:
         *,
         seed: int,
         most_rays: int | None = None,
-        part: _Part = WHOLE,
+        portion: Portion = WHOLE,
     ) -> list[Shot]:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
         self._wear(str(chosen["materials"]), str(chosen["glass"]))
@@ -220,8 +207,10 @@ class MitsubaRenderer:
         )
         geometry, around, white = self.geometry, atmosphere.surroundings, atmosphere.white
         if self.worlds is not None:
-            rung = str(chosen.demand.forced.get("surroundings", part.rung))
+            rung = str(chosen.demand.forced.get("surroundings", portion.rung))
             geometry, around, white = self.worlds.light(one_spot(views), atmosphere, rung)
+            if chosen["caustics"] == "regularised":
+                around = replace(around, brightest=BRIGHTEST)
         at_once = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
         refuse_too_many(cameras.lanes(at_once))
         return [
@@ -234,11 +223,17 @@ class MitsubaRenderer:
                 seed=seed,
                 exposure=self.exposure / white,
                 first=first,
-                only=part.only,
-                shares=part.shares,
+                only=portion.only,
+                shares=portion.shares,
             )
             for first in range(0, chosen.samples, at_once)
         ]
+
+    def light_at(self, weather: Weather, spot: Spot) -> tuple[Light, float]:
+        """The light of a world without the vehicle, seen from its middle, and white card there."""
+        assert self.worlds is not None
+        weather = replace(weather, fog=None)  # as plain shading has it
+        return self.worlds.kept_light(spot, self._atmosphere(weather, "direction", "map", "none"))
 
     def layers(self, views: Sequence[View]) -> Layers:
         """What each view's camera hits first; independent of texture and weather."""

@@ -24,6 +24,7 @@ from cnca.mi_bridge.backgrounds import BACKGROUND_SEED, KeptBackgrounds
 from cnca.mi_bridge.bridge import Shot
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
 from cnca.mi_bridge.integrator import trace
+from cnca.mi_bridge.portions import WHOLE, vehicle_part
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
@@ -55,8 +56,9 @@ class TracedShading:
         """The picture of one view, its interreflections those of ``texture``."""
         kept = self.kept.background(view, weather)
         plan = self.renderer.plan(texture, [view], weather, samples=self.samples)
+        portion = WHOLE if kept.shares is None else vehicle_part(kept.shares)
         shots = self.renderer.shots(
-            plan, [view], kept.pixels, seed=self.seed, most_rays=RAYS_AT_ONCE
+            plan, [view], kept.pixels, seed=self.seed, most_rays=RAYS_AT_ONCE, portion=portion
         )
         size = self.renderer.geometry.texture_size
         texels = texture.detach().expand(3, size, size).permute(1, 2, 0).float().contiguous()
@@ -70,7 +72,7 @@ class TracedShading:
             weights = new if weights is None else _sums(weights, new)
         assert weights is not None
         constant = kept.image.permute(1, 2, 0).reshape(-1, 3).numpy().copy()
-        constant[kept.pixels] = specular
+        constant[kept.pixels] = specular if kept.rest is None else specular + kept.rest.numpy()
         return AffinePicture(constant, kept.pixels, weights)
 
 
@@ -98,6 +100,7 @@ def split(shot: Shot, texture: mi.TensorXf) -> _Split:
             ray_next,
             [sampler.next_1d() for _ in first_reflection],
             bounces=shot.bounces - 1,
+            reflected=True,
         )
         # A black paint reflects nothing that was sampled for it: divide by the density alone.
         incoming = dr.select(hit & (reflected.pdf > 0), incoming / reflected.pdf, 0)
@@ -115,7 +118,10 @@ def split(shot: Shot, texture: mi.TensorXf) -> _Split:
         # What was bound is ALBEDO_FLOOR and 1: go on to 0 and 1.
         irradiance = dr.select(painted, (white - black) / (1 - ALBEDO_FLOOR), 0)
         specular = airlight + T * (black - ALBEDO_FLOOR * irradiance)
-        layers = specular * shot.exposure, irradiance * T * shot.exposure
+        weights, lanes = shot.weights(), shot.lanes(ray)
+        if lanes is not None:
+            weights = dr.select(lanes, weights, 0)
+        layers = specular * weights, irradiance * T * weights
     shape = (*shot.cameras.film_shape, shot.samples, -1)
     return _Split(*(np.array(layer).T.reshape(shape) for layer in (si.uv, *layers)))
 
@@ -144,6 +150,8 @@ def _sunlight(
     light = mi.Color3f(sky.sun_irradiance)
     if fog is not None:
         light = light * fog.sun_transmittance(si.p.z)
+    if shot.surroundings.probe is not None:
+        light = light * shot.surroundings.probe.sun_share(si.p, si.is_valid())
     return to_sun, dr.select(si.is_valid() & ~shadow, light, 0)
 
 

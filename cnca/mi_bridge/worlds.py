@@ -8,16 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from cnca.core.errors import SceneError
-from cnca.effects.world import GEOMETRY
+from cnca.effects.world import BRIGHTEST, GEOMETRY
 from cnca.mi_bridge.atmosphere import DARKEST, Atmosphere
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import Surroundings
-from cnca.mi_bridge.light import lambertian_white
+from cnca.mi_bridge.light import Light, lambertian_white
 from cnca.mi_bridge.measure_probe import METER, PANORAMA, Resolution, measure
 from cnca.mi_bridge.near_ground import near_ground
 from cnca.mi_bridge.probe import Kept, Probe
 from cnca.scene.cameras import Spot, View
 from cnca.world.model import World
+
+VEHICLE_HALF = 2.0
+"""Metres around the vehicle's middle over which the sun's share is averaged."""
 
 
 class Worlds:
@@ -71,6 +74,17 @@ class Worlds:
             self._probes[key] = Probe(self._measure(spot, atmosphere, PANORAMA))
         return self._probes[key]
 
+    def kept_light(self, spot: Spot, atmosphere: Atmosphere) -> tuple[Light, float]:
+        """The probe's panorama as a sky, and as much of the sun as reaches the vehicle."""
+        kept = self.probe(spot, atmosphere).kept
+        low, high = (np.array([-1.0, 1.0]) * VEHICLE_HALF / kept.half_width + 1) / 2
+        size = len(kept.sun_shares)
+        inner = slice(int(low * size), max(int(high * size), int(low * size) + 1))
+        share = float(kept.sun_shares[inner, inner, 0].mean())
+        direction = np.array(atmosphere.surroundings.sky.light.sun_direction)
+        light = Light(direction, share * atmosphere.sun, kept.radiance.astype(np.float64))
+        return light, self.white(spot, atmosphere)
+
     def white(self, spot: Spot, atmosphere: Atmosphere) -> float:
         """Radiance of white card, metered between the light at the vehicle and that of the open.
 
@@ -100,7 +114,7 @@ class Worlds:
 
     def _measure(self, spot: Spot, atmosphere: Atmosphere, resolution: Resolution) -> Kept:
         bare = self._both(spot)[1]
-        around = replace(atmosphere.surroundings, panes=bare.has_panes)
+        around = replace(atmosphere.surroundings, panes=bare.has_panes, brightest=BRIGHTEST)
         return measure(bare, around, self._alone.vehicle_bounds, resolution)
 
 

@@ -118,6 +118,8 @@ class WorldSection(Section):
     """Where else it stands: metres in the world's axes, +z up; without a height, on the ground."""
     heading: Annotated[float, Field(ge=-360, le=720)] | None = None
     """Where the vehicle heads there: degrees counter-clockwise from the world's +x."""
+    places: tuple[tuple[Coordinate, Coordinate, Coordinate], ...] = ()
+    """x, y and heading of the places that variation draws from; built-in worlds know theirs."""
     up: Literal["x", "y", "z"] | None = None
     """The file's upward axis; by default y for glTF, else z."""
     scale: Positive = 1.0
@@ -200,6 +202,10 @@ class VariationSection(Section):
     sun_azimuth: Range = (0.0, 360.0)
     visibility: PositiveRange | None = None
     """Without it every draw has the scene's own fog."""
+    worlds: Annotated[int, Field(ge=1, le=64)] = 2
+    """Forms of a built-in world that a run draws."""
+    places: Annotated[int, Field(ge=0, le=64)] = 4
+    """Places that it draws in each; 0 stays at the scene's own."""
 
 
 class ImageSection(Section):

@@ -9,17 +9,23 @@ from typing import TypeVar
 import numpy as np
 from scipy.stats import qmc
 
-from cnca.scene.cameras import View, orbit_view
+from cnca.scene.cameras import Spot, View, orbit_view
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog, Weather
 
 Drawn = TypeVar("Drawn")
+WORLD_DRAWS = 0x57D5
+"""Keeps what is drawn of worlds apart from other draws of the same seed."""
 
 
-def draw_views(scene: Scene, count: int, *, seed: int, start: int = 0) -> list[View]:
+def draw_views(
+    scene: Scene, count: int, *, seed: int, start: int = 0, spot: Spot | None = None
+) -> list[View]:
     """Views number ``start`` to ``start + count`` of the scene's endless, seeded sequence.
 
-    The sequence is a scrambled Sobol sequence over azimuth, elevation and distance.
+    The sequence is a scrambled Sobol sequence over azimuth, elevation and distance; ``spot`` is
+    where in the scene's world all of them are taken.  What the world hides is not asked here: see
+    :func:`cnca.world.draw.draw_blocks`.
     """
     ranges = scene.variation
     spans = [ranges.azimuth, ranges.elevation, ranges.distance]
@@ -31,6 +37,7 @@ def draw_views(scene: Scene, count: int, *, seed: int, start: int = 0) -> list[V
             fov=ranges.fov,
             width=scene.image.width,
             height=scene.image.height,
+            spot=spot,
         )
         for azimuth, elevation, distance in _draw(spans, count, seed, start)
     ]
@@ -53,6 +60,21 @@ def draw_weathers(scene: Scene, count: int, *, seed: int) -> list[Weather]:
             fog = dataclasses.replace(fog or Fog(visibility=1.0), visibility=1 / inverse[0])
         weathers.append(dataclasses.replace(own.turned(altitude, azimuth), fog=fog))
     return weathers
+
+
+def draw_spots(scene: Scene, *, seed: int) -> list[Spot]:
+    """Places in worlds that a run goes to, those of one world together; evenly spread over it.
+
+    Only the scene's own where it has no world, or draws none.
+    """
+    ranges = scene.variation
+    if scene.world is None or ranges.places == 0:
+        return [Spot()]
+    rng = np.random.default_rng([seed, WORLD_DRAWS])
+    builtin = scene.world.file.startswith("builtin:")
+    seeds = rng.integers(1, 2**31 - 1, size=ranges.worlds).tolist() if builtin else [0]
+    shares = (np.arange(ranges.places) + rng.random((len(seeds), ranges.places))) / ranges.places
+    return [Spot(s, share) for s, row in zip(seeds, shares.tolist(), strict=True) for share in row]
 
 
 def in_blocks(drawn: Sequence[Drawn], count: int) -> list[Sequence[Drawn]]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 from cnca.core.errors import MeshError, SceneError
+from cnca.scene.cameras import Spot
 from cnca.scene.schema import WorldSection
 from cnca.world.model import Place, World
 from cnca.world.stand import ground_under
@@ -13,8 +15,27 @@ from cnca.world.stand import ground_under
 BUILTIN = "builtin:"
 
 
-def resolve_world(section: WorldSection, base: str | Path = ".", *, seed: int = 0) -> World:
+WORLDS_KEPT = 4
+"""Worlds whose arrays stay in memory."""
+
+
+def world_at(section: WorldSection, base: Path, spot: Spot) -> World:
+    """The world moved so that the spot is the origin and the vehicle there faces +x.
+
+    Raises as :func:`resolve_world` does.
+    """
+    world = resolve_world(section, base, spot.seed)
+    chosen, *others = world.places
+    if spot.place is not None and others:
+        chosen = others[int(spot.place * len(others))]
+    return world.around(chosen)
+
+
+@lru_cache(maxsize=WORLDS_KEPT)
+def resolve_world(section: WorldSection, base: Path, seed: int = 0) -> World:
     """The world in its own axes; its first place is where the section puts the vehicle.
+
+    The others are those that it knows, or that the section lists.
 
     Args:
         base: the folder that the file's path starts from.
@@ -29,8 +50,10 @@ def resolve_world(section: WorldSection, base: str | Path = ".", *, seed: int = 
 
         world = build(section.file.removeprefix(BUILTIN), section.seed + seed)
     else:
-        world = _from_file(section, Path(base) / section.file)
-    return replace(world, places=(_chosen(section, world), *world.places))
+        world = _from_file(section, base / section.file)
+    listed = [Place(x, y, ground_under(world, x, y), heading) for x, y, heading in section.places]
+    known = listed if listed or not section.file.startswith(BUILTIN) else world.places
+    return replace(world, places=(_chosen(section, world), *known))
 
 
 def _from_file(section: WorldSection, path: Path) -> World:

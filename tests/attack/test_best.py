@@ -89,6 +89,7 @@ def test_validation_views_are_of_their_own():
     trained = {view for step in range(100) for view in pool(step)[0]}
     shots = held_out_shots(Scene(), 24, settings.seed)
     held_out = {view for views in shots.views for view in views}
-    own = set(Validation(ATTACK, settings, torch.zeros(2, 3)).views)
+    validation = Validation(ATTACK, settings, torch.zeros(2, 3))
+    own = {view for views in validation.views for view in views}
     assert len(own) == 12
     assert not own & (trained | held_out)

@@ -80,6 +80,7 @@ def test_usual_models():
         "sky": "map",
         "surroundings": "none",
         "interreflection": 2,
+        "caustics": "kept",
         "materials": "coat",
         "glass": "dark",
         "gradient": "texture",

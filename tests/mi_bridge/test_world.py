@@ -1,14 +1,21 @@
 """A world around the vehicle: its shadow, its colors, and what it hides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from cnca.core.color import srgb_to_linear
 from cnca.core.errors import SceneError
+from cnca.mi_bridge.backgrounds import KeptBackgrounds
+from cnca.mi_bridge.lookups import LookupRenderer
+from cnca.mi_bridge.raster import PlainShading
 from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.shading_cache import TracedShading
 from cnca.mi_bridge.variant import dr, mi
 from cnca.mi_bridge.world_shapes import surface_bsdf
+from cnca.scene.cameras import Spot
 from cnca.scene.weather import Weather
 from cnca.world.model import Piece, Surface, World
 from tests.mi_bridge.conftest import orbit
@@ -107,3 +114,62 @@ def test_pictures_of_surfaces_are_srgb_and_their_factor_is_linear():
     albedo = np.array(bsdf.eval_diffuse_reflectance(si))[:, 0]
     linear = srgb_to_linear(torch.from_numpy(texture[0, 0] / 255)).numpy()
     np.testing.assert_allclose(albedo, linear * [1, 0.5, 1], rtol=2e-3)
+
+
+def canyon(spot) -> World:
+    """A wall of another color on one side, a low roof that half shades the vehicle, a post."""
+    wall = quad("wall", "brick", [[-30, 4, 0], [30, 4, 0], [30, 4, 8], [-30, 4, 8]])
+    roof = quad("roof", "asphalt", [[0, -9, 4], [9, -9, 4], [9, 9, 4], [0, 9, 4]])
+    post = quad("post", "brick", [[3.0, -1.5, 0], [3.4, -1.5, 0], [3.4, -1.5, 3], [3.0, -1.5, 3]])
+    brick = Surface(base_color=(0.6, 0.2, 0.1), roughness=1.0, specular=0.0)
+    return street(wall, roof, post, brick=brick)
+
+
+@pytest.fixture(scope="module")
+def loop(vehicle):
+    return KeptBackgrounds(
+        MitsubaRenderer(vehicle, texture_size=8, samples=256, bounces=3, worlds=canyon), GREY
+    )
+
+
+VIEW = orbit(azimuth=-40, elevation=15, distance=9, width=24, height=24)
+
+
+@pytest.mark.parametrize("weather", [Weather(sun_azimuth=-60), Weather(sky_scale=0)])
+def test_the_kept_light_of_a_world_is_that_of_its_geometry(loop, weather):
+    with torch.no_grad():
+        kept = loop.render(GREY, [VIEW], weather, seed=1)[0]
+        traced = loop.renderer.render(GREY, [VIEW], weather, seed=2)[0]
+    covered = torch.from_numpy(loop.renderer.vehicle_mask([VIEW])[0] > 0)
+    assert torch.equal(kept[:, ~covered], loop.background(VIEW, weather).image[:, ~covered])
+    kept, traced = kept[:, covered], traced[:, covered]
+    assert (kept - traced).mean().abs() < 0.03 * traced.mean()
+    error = ((kept - traced).square() / (traced.square() + 0.01)).mean().sqrt()
+    assert error < 0.1  # as in cnca.effects.prices, noise included
+
+
+def test_the_gradient_through_the_kept_light_is_that_of_the_geometry(loop):
+    gradients = []
+    for render in (loop.render, loop.renderer.render):
+        albedo = GREY.clone().requires_grad_()
+        render(albedo, [VIEW], Weather(sun_azimuth=-60), seed=3).sum().backward()
+        gradients.append(albedo.grad.flatten())
+    assert torch.nn.functional.cosine_similarity(*gradients, dim=0) > 0.99
+
+
+@pytest.mark.parametrize(("shading", "close"), [(PlainShading, 0.35), (TracedShading, 0.05)])
+def test_look_ups_keep_the_light_of_a_world_too(loop, shading, close):
+    weather = Weather(sun_azimuth=-60)
+    more = {"samples": 256} if shading is TracedShading else {}
+    with torch.no_grad():
+        picture = LookupRenderer(loop, shading(loop, **more)).render(GREY, [VIEW], weather, seed=1)
+        traced = loop.renderer.render(GREY, [VIEW], weather, seed=2)
+    covered = torch.from_numpy(loop.renderer.vehicle_mask([VIEW])[0] > 0)
+    means = [p[0][:, covered].mean().item() for p in (picture, traced)]
+    assert means[0] == pytest.approx(means[1], rel=close)
+
+
+def test_views_of_two_places_are_not_rendered_together(loop):
+    views = [VIEW, replace(VIEW, spot=Spot(place=0.5))]
+    with pytest.raises(SceneError, match="one place in the world, got 2"):
+        loop.renderer.render(GREY, views, Weather(), seed=0)
