@@ -10,14 +10,16 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.help import BEGIN, RENDER
 from cnca.cli.options import Given, takes
-from cnca.core.options import OUTPUT
+from cnca.core.options import COST, OUTPUT, WHAT
 from cnca.jobs.accuracy.request import AccuracyRequest, GradientRequest
 from cnca.jobs.render_request import RenderRequest
 
 
 @app.command(rich_help_panel=BEGIN)
 def doctor(
-    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the report as JSON.", rich_help_panel=OUTPUT)
+    ] = False,
 ) -> None:
     """Check LLVM, Mitsuba and the other packages, and render a test picture."""
     from cnca.jobs.doctor import diagnose
@@ -78,9 +80,13 @@ def accuracy_generator(given: Given[GradientRequest]) -> None:
 
 @app.command(rich_help_panel=RENDER)
 def calibrate(
-    out: Annotated[Path, typer.Option(help="Folder for the cases and prices.json.")],
-    scenes: Annotated[int, typer.Option(help="Random scenes to measure.")] = 32,
-    seed: Annotated[int, typer.Option(help="Number of the first scene.")] = 0,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the cases and prices.json.", rich_help_panel=OUTPUT)
+    ],
+    scenes: Annotated[
+        int, typer.Option(help="Random scenes to measure.", rich_help_panel=COST)
+    ] = 32,
+    seed: Annotated[int, typer.Option(help="Number of the first scene.", rich_help_panel=WHAT)] = 0,
 ) -> None:
     """Measure errors and times of all models, from which render-scene's plan predicts."""
     from rich.console import Console

@@ -9,29 +9,37 @@ import typer
 
 from cnca.cli.app import app
 from cnca.cli.help import ATTACK, JUDGE, Group
+from cnca.core.options import COST, OUTPUT, WHAT
 
 survey = typer.Typer(
     cls=Group, help="Ask people how natural pictures look: the paper's appendix A."
 )
 app.add_typer(survey, name="survey", rich_help_panel=JUDGE)
 
-Folder = Annotated[Path, typer.Argument(help="The --out of cnca survey build.")]
+Folder = Annotated[
+    Path, typer.Argument(help="The --out of cnca survey build.", rich_help_panel=WHAT)
+]
 
 
 @app.command(rich_help_panel=ATTACK)
 def report(
-    folder: Annotated[Path, typer.Argument(help="The --out of a command that has ended.")],
+    folder: Annotated[
+        Path, typer.Argument(help="The --out of a command that has ended.", rich_help_panel=WHAT)
+    ],
     turntable: Annotated[
-        int, typer.Option(help="Frames around the vehicle, rendered once; 0 for none.")
+        int,
+        typer.Option(
+            help="Frames around the vehicle, rendered once; 0 for none.", rich_help_panel=COST
+        ),
     ] = 24,
 ) -> None:
     """Gather a run's results in one HTML file: pictures, curves, tables, manifest."""
-    from rich.console import Console
-
+    from cnca.cli import show
     from cnca.report import write_report
     from cnca.report.turntable import turntables
 
-    typer.echo(write_report(folder, turntables(folder, turntable, Console(stderr=True))))
+    page = write_report(folder, turntables(folder, turntable, show.messages()))
+    show.ending({"report": page})
 
 
 @survey.command("build")
@@ -40,12 +48,16 @@ def build_survey(
         list[str],
         typer.Option(
             help="[NAME=]PATH: a folder with one folder for each source, the pictures of one "
-            "source, or one picture; repeatable."
+            "source, or one picture; repeatable.",
+            rich_help_panel=WHAT,
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder of the survey.")],
+    out: Annotated[Path, typer.Option(help="Folder of the survey.", rich_help_panel=OUTPUT)],
     question: Annotated[
-        str | None, typer.Option(help="What is asked; by default how natural the vehicle looks.")
+        str | None,
+        typer.Option(
+            help="What is asked; by default how natural the vehicle looks.", rich_help_panel=WHAT
+        ),
     ] = None,
 ) -> None:
     """Make the survey's page, which works as a file and with cnca survey serve."""
@@ -61,9 +73,15 @@ def build_survey(
 @survey.command("serve")
 def serve_survey(
     folder: Folder,
-    port: Annotated[int, typer.Option(help="0 takes any that is free.")] = 8000,
+    port: Annotated[
+        int, typer.Option(help="0 takes any that is free.", rich_help_panel=OUTPUT)
+    ] = 8000,
     host: Annotated[
-        str, typer.Option(help="Address to listen on; by default only this machine reaches it.")
+        str,
+        typer.Option(
+            help="Address to listen on; by default only this machine reaches it.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = "127.0.0.1",
 ) -> None:
     """Hand out the page and collect the answers, until Ctrl-C."""

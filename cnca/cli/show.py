@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cnca.jobs.attack.rerun import Rerun
     from cnca.jobs.datasets.carla import FrameProblem, FrameRecord
     from cnca.jobs.datasets.rendered import Rendered
+    from cnca.jobs.efr_request import EfrRequest
     from cnca.jobs.hardening_request import HardeningRequest
     from cnca.jobs.render_request import RenderRequest
     from cnca.jobs.vehicle.reorder_uv import Reordering
@@ -240,11 +241,11 @@ def layouts(out: Path, report: Reordering) -> None:
     )
 
 
-def corrections(out: Path, report: dict[str, Any]) -> None:
+def corrections(request: EfrRequest, report: dict[str, Any]) -> None:
     """What an EFR came to."""
     line(
-        f"{out}: mean absolute error {report['error_before']:.4f} before, "
+        f"{request.out}: mean absolute error {report['error_before']:.4f} before, "
         f"{report['error_after']:.4f} after, on {report['test_views']} views not trained on"
     )
-    if report["carla"]:
+    if request.carla is not None:
         line("one car in one paint: says nothing about other textures, cars or weathers")

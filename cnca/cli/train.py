@@ -10,12 +10,14 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.help import TRAIN
 from cnca.cli.options import Given, Resume, Seed, takes
+from cnca.core.options import OUTPUT, STRENGTH, WHAT
+from cnca.jobs.efr_request import EfrRequest
 from cnca.jobs.hardening_request import HardeningRequest
 
 
 @app.command("train-generator", rich_help_panel=TRAIN)
 def train_generator(
-    out: Annotated[Path, typer.Option(help="Folder for the pipeline.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pipeline.", rich_help_panel=OUTPUT)],
     seed: Seed = 0,
     resume: Resume = False,
 ) -> None:
@@ -27,9 +29,10 @@ def train_generator(
 
 @app.command("train-scorer", rich_help_panel=TRAIN)
 def train_scorer(
-    out: Annotated[Path, typer.Option(help="Folder for the scorer.")],
+    out: Annotated[Path, typer.Option(help="Folder for the scorer.", rich_help_panel=OUTPUT)],
     corpus: Annotated[
-        Path, typer.Option(help="Folder of train-generator, for its pictures.")
+        Path,
+        typer.Option(help="Folder of train-generator, for its pictures.", rich_help_panel=WHAT),
     ] = Path("out/generator"),
     seed: Seed = 0,
     resume: Resume = False,
@@ -43,10 +46,18 @@ def train_scorer(
 
 @app.command("train-detector", rich_help_panel=TRAIN)
 def train_detector(
-    out: Annotated[Path, typer.Option(help="Folder for pictures and weights.")],
-    kind: Annotated[str, typer.Option(help="yolo, anchor-free or transformer.")] = "yolo",
-    pictures: Annotated[int, typer.Option(help="Pictures to render.")] = 1680,
-    epochs: Annotated[int, typer.Option(help="Passes over the pictures.")] = 26,
+    out: Annotated[
+        Path, typer.Option(help="Folder for pictures and weights.", rich_help_panel=OUTPUT)
+    ],
+    kind: Annotated[
+        str, typer.Option(help="yolo, anchor-free or transformer.", rich_help_panel=WHAT)
+    ] = "yolo",
+    pictures: Annotated[
+        int, typer.Option(help="Pictures to render.", rich_help_panel=STRENGTH)
+    ] = 1680,
+    epochs: Annotated[
+        int, typer.Option(help="Passes over the pictures.", rich_help_panel=STRENGTH)
+    ] = 26,
     seed: Seed = 0,
     resume: Resume = False,
 ) -> None:
@@ -74,39 +85,13 @@ def harden(given: Given[HardeningRequest], resume: Resume = False) -> None:
 
 
 @app.command("train-efr", rich_help_panel=TRAIN)
-def train_efr(
-    out: Annotated[Path, typer.Option(help="Weights to write, .safetensors; report beside.")],
-    from_render: Annotated[
-        list[Path] | None, typer.Option(help="Scene file to draw pairs from; repeatable.")
-    ] = None,
-    carla: Annotated[Path | None, typer.Option(help="Folder of CARLA frames instead.")] = None,
-    carla_scene: Annotated[Path, typer.Option(help="Scene file with their vehicle.")] = Path(
-        "scenes/etron_carla.yaml"
-    ),
-    backend: Annotated[str, typer.Option(help="Renderer to correct.")] = "raster",
-    spp: Annotated[int, typer.Option(help="Its rays per pixel.")] = 4,
-    views: Annotated[int, typer.Option(help="Views to train on, each in six paints.")] = 64,
-    epochs: Annotated[int, typer.Option(help="Passes over them.")] = 20,
-    seed: Seed = 0,
-    resume: Resume = False,
-) -> None:
+@takes(EfrRequest)
+def train_efr(given: Given[EfrRequest], resume: Resume = False) -> None:
     """Train an EFR that corrects cheap renders towards path-traced ones or photographs."""
     from cnca.cli import show
     from cnca.core import parallel
     from cnca.jobs.train_efr import train_efr  # loads the renderer
 
+    request = given.record()
     with parallel.joined():
-        report = train_efr(
-            out,
-            scenes=from_render or [],
-            carla=carla,
-            carla_scene=carla_scene,
-            backend=backend,
-            samples=spp,
-            views=views,
-            epochs=epochs,
-            seed=seed,
-            resume=resume,
-            console=show.messages(),
-        )
-        show.corrections(out, report)
+        show.corrections(request, train_efr(request, show.messages(), resume=resume))

@@ -10,18 +10,32 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.help import BEGIN, VEHICLES
 from cnca.cli.options import Given, takes
-from cnca.core.options import OUTPUT
+from cnca.core.options import COST, OUTPUT, WHAT
 from cnca.jobs.vehicle.source import Source
 
 
 @app.command("check-vehicle", rich_help_panel=VEHICLES)
 def check_vehicle(
-    mesh: Annotated[str, typer.Argument(help="Mesh, builtin:NAME, or a scene file with one.")],
-    up: Annotated[str | None, typer.Option(help="The file's upward axis; default y.")] = None,
-    front: Annotated[str | None, typer.Option(help="Its forward axis; default +x.")] = None,
-    scale: Annotated[float | None, typer.Option(help="Metres per unit; default 1.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for pictures and the report.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    mesh: Annotated[
+        str,
+        typer.Argument(help="Mesh, builtin:NAME, or a scene file with one.", rich_help_panel=WHAT),
+    ],
+    up: Annotated[
+        str | None, typer.Option(help="The file's upward axis; default y.", rich_help_panel=WHAT)
+    ] = None,
+    front: Annotated[
+        str | None, typer.Option(help="Its forward axis; default +x.", rich_help_panel=WHAT)
+    ] = None,
+    scale: Annotated[
+        float | None, typer.Option(help="Metres per unit; default 1.", rich_help_panel=WHAT)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for pictures and the report.", rich_help_panel=OUTPUT),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the report as JSON.", rich_help_panel=OUTPUT)
+    ] = False,
 ) -> None:
     """Say what stands between a mesh and an attack on it, and what mends it.
 
@@ -29,6 +43,7 @@ def check_vehicle(
     """
     import json as text
 
+    from cnca.cli import show
     from cnca.jobs.vehicle.check_vehicle import check_vehicle
 
     given = {"up": up, "front": front, "scale": scale}
@@ -41,8 +56,10 @@ def check_vehicle(
         typer.echo("usable" if report.usable else "not usable as it is")
         typer.echo(f"scene: vehicle: {text.dumps(report.vehicle)}")
         if out is not None:
-            typer.echo(out / "vehicle.png")
-            typer.echo(out / "scene.yaml")
+            scene = out / "scene.yaml"
+            attack = ["optimize", "--scene", scene, "--prompt", "colorful camouflage"]
+            following = [[*attack, "--out", f"{out}_attack"]] if report.usable else []
+            show.ending({"scene": scene, "picture": out / "vehicle.png"}, *following)
     raise typer.Exit(0 if report.usable else 1)
 
 
@@ -66,20 +83,33 @@ def reorder_uv(
 
 @app.command("print-sheets", rich_help_panel=VEHICLES)
 def print_sheets(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished cnca optimize.")],
-    out: Annotated[Path, typer.Option(help="PDF to write; a report goes beside it.")],
-    scale: Annotated[str, typer.Option(help="Of the model.")] = "1:12",
-    paper: Annotated[str, typer.Option(help="A4 to A1, Letter or Tabloid.")] = "A4",
+    run: Annotated[
+        Path, typer.Argument(help="Folder of a finished cnca optimize.", rich_help_panel=WHAT)
+    ],
+    out: Annotated[
+        Path, typer.Option(help="PDF to write; a report goes beside it.", rich_help_panel=OUTPUT)
+    ],
+    scale: Annotated[str, typer.Option(help="Of the model.", rich_help_panel=OUTPUT)] = "1:12",
+    paper: Annotated[
+        str, typer.Option(help="A4 to A1, Letter or Tabloid.", rich_help_panel=OUTPUT)
+    ] = "A4",
     profile: Annotated[
-        Path | None, typer.Option(help="ICC profile of the printer; default offset, coated paper.")
+        Path | None,
+        typer.Option(
+            help="ICC profile of the printer; default offset, coated paper.", rich_help_panel=OUTPUT
+        ),
     ] = None,
     no_judge: Annotated[
-        bool, typer.Option("--no-judge", help="Do not predict the attack's strength in print.")
+        bool,
+        typer.Option(
+            "--no-judge",
+            help="Do not predict the attack's strength in print.",
+            rich_help_panel=COST,
+        ),
     ] = False,
 ) -> None:
     """Print a camouflage for a model car: panels of true size, and what printing costs."""
-    from rich.console import Console
-
+    from cnca.cli import show
     from cnca.jobs.printing.print_sheets import markdown, print_sheets, read_scale
 
     report = print_sheets(
@@ -89,27 +119,30 @@ def print_sheets(
         paper=paper,
         profile=profile,
         judged=not no_judge,
-        console=Console(stderr=True),
+        console=show.messages(),
     )
-    typer.echo(markdown(report))
-    typer.echo(out)
+    show.line(markdown(report))
+    show.ending({"sheets": out})
 
 
 @app.command(rich_help_panel=BEGIN)
 def gallery(
     folder: Annotated[
-        Path | None, typer.Argument(help="Folder of scene files; default the shipped ones.")
+        Path | None,
+        typer.Argument(
+            help="Folder of scene files; default the shipped ones.", rich_help_panel=WHAT
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Sheet to render, .png.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Sheet to render, .png.", rich_help_panel=OUTPUT)
+    ] = None,
 ) -> None:
     """List the shipped scenes, or a folder's, and render them into one sheet."""
-    from rich.console import Console
-    from rich.table import Table
-
+    from cnca.cli import show
     from cnca.jobs.scene_gallery import entries, write_sheet
 
     listed = entries(folder)
-    table = Table("scene", "vehicle", "weather", "cameras")
+    rows = []
     for entry in listed:
         scene = entry.scene
         cells = (
@@ -117,10 +150,10 @@ def gallery(
             if scene
             else ()
         )
-        table.add_row(entry.name, *(cells or (entry.problem, "", "")))
-    Console().print(table)
+        rows.append([entry.name, *(cells or (entry.problem, "", ""))])
+    show.table(["scene", "vehicle", "weather", "cameras"], rows)
     if out is not None:
-        problems = write_sheet(listed, out, Console(stderr=True))
+        problems = write_sheet(listed, out, show.messages())
         for name, problem in problems.items():
-            typer.echo(f"{name}: not rendered: {problem}")
-        typer.echo(out)
+            show.line(f"{name}: not rendered: {problem}")
+        show.ending({"picture": out})

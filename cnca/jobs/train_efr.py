@@ -8,6 +8,7 @@ the photograph: a few pictures of one car in one paint teach nothing about other
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearImages, LinearTexture, PlainPictures, SrgbTexture
 from cnca.gen import textures
 from cnca.jobs.datasets.carla import fit_frame
+from cnca.jobs.efr_request import EfrRequest
 from cnca.judge.held_out import HELD_OUT_SEED
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
@@ -36,7 +38,7 @@ from cnca.scene.carla import read_carla_frame
 from cnca.scene.schema import Scene, load_scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
-from cnca.train.efr import EPOCHS, Outcome, Shot, train
+from cnca.train.efr import Outcome, Shot, train
 from cnca.train.loop import TrainingLoop
 
 WEATHERS, TEST_SHARE = 16, 0.25
@@ -111,69 +113,35 @@ class Studio:
         return Shot(PlainPictures(traced, drawn), renders, truths, mask[part].clone())
 
 
-def train_efr(
-    out: Path,
-    *,
-    scenes: Sequence[Path] = (),
-    carla: Path | None = None,
-    carla_scene: Path,
-    backend: str,
-    samples: int,
-    views: int,
-    epochs: int = EPOCHS,
-    seed: int,
-    resume: bool = False,
-    console: Console,
-) -> dict[str, Any]:
-    """Train an EFR on renders of ``scenes`` or on the frames in ``carla``.
-
-    Args:
-        out: ``.safetensors``; the report is written beside it as ``.json``, and checkpoints into
-            a folder of the same name without the ending, from which ``resume`` goes on.
-        backend: what draws X_nr, with ``samples`` rays per pixel where it traces.
-        views: views for the training, a quarter as many for the test; each in six textures.
+def train_efr(request: EfrRequest, console: Console, *, resume: bool = False) -> dict[str, Any]:
+    """Train an EFR on renders of scenes or on CARLA's frames.
 
     Returns:
         The report: mean absolute errors of display values before, after and per epoch, and the
         share of the test pictures that are worse after.
 
     Raises:
-        RunError: neither or both of scenes and frames are given, a number is out of range, or the
-            folder holds a training already (without ``resume``).
+        RunError: the folder holds a training already (without ``resume``) or another one.
     """
-    if bool(scenes) == (carla is not None):
-        raise RunError("give either --from-render SCENE, once or more, or --carla DIR")
-    if out.suffix != ".safetensors":
-        raise RunError(f"{out}: weights are written as .safetensors; change the ending")
-    if views < 1:
-        raise RunError(f"--views {views}: give a number above 0")
+    out, carla, views, seed = request.out, request.carla, request.views, request.seed
     folder = out.with_suffix("")
     loop = TrainingLoop(folder, seed, resume, console)
-    asked: dict[str, object] = {
-        "scenes": [str(s) for s in scenes],
-        "carla": str(carla) if carla else None,
-        "seed": seed,
-    }
-    asked |= {
-        "backend": backend,
-        "samples": samples,
-        "views": views,
-        "epochs": epochs,
-        "seed": seed,
-    }
-    inputs = _inputs([*scenes, *([carla_scene] if carla else [])], carla)
+    inputs = _inputs([*request.scenes, *([request.carla_scene] if carla else [])], carla)
     claim = partial(RunFolder(folder, "train-efr").claim, resume=resume)
+    asked = {name: value for name, value in asdict(request).items() if name != "out"}
     parallel.by_first(lambda: claim(asked, hashes(inputs)))
+    backend, samples = request.backend, request.samples
     if carla is not None:
-        shots = _frames(carla, carla_scene, backend, samples, console)
+        shots = _frames(carla, request.carla_scene, backend, samples, console)
         split = max(1, round(TEST_SHARE * len(shots)))
         training, test = shots[split:], shots[:split]
     else:
-        draw = partial(_renders, [load_scene(s) for s in scenes], backend, samples, console)
+        scenes = [load_scene(scene) for scene in request.scenes]
+        draw = partial(_renders, scenes, backend, samples, console)
         training, test = draw(views, seed), draw(max(1, round(TEST_SHARE * views)), seed, test=True)
-    outcome = train(loop, training, test, epochs=epochs)
+    outcome = train(loop, training, test, epochs=request.epochs)
     report = _report(outcome) | {
-        "scenes": [str(scene) for scene in scenes],
+        "scenes": [str(scene) for scene in request.scenes],
         "carla": str(carla) if carla else None,
         "backend": backend,
         "samples": samples,

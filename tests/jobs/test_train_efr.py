@@ -12,6 +12,7 @@ from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.types import PlainPictures
 from cnca.jobs import train_efr
+from cnca.jobs.efr_request import EfrRequest
 from cnca.mi_bridge import backgrounds
 from cnca.scene.schema import load_scene
 from tests.jobs.datasets.test_carla import write_frame
@@ -32,15 +33,16 @@ def call(tmp_path, monkeypatch):
 
     def run(**options):
         usual = {"carla_scene": scene, "backend": "raster", "samples": 1, "views": 4, "epochs": 1}
-        usual |= {"seed": 0, "console": Console(quiet=True)}
-        return train_efr.train_efr(tmp_path / "efr.safetensors", **usual | options)
+        usual |= {"out": tmp_path / "efr.safetensors"} | options
+        resume = usual.pop("resume", False)
+        return train_efr.train_efr(EfrRequest(**usual), Console(quiet=True), resume=resume)
 
     run.scene = scene
     return run
 
 
 def test_from_renders(call, tmp_path):
-    report = call(scenes=[call.scene])
+    report = call(scenes=(call.scene,))
     assert (report["training_views"], report["test_views"]) == (4, 1)
     assert report["error_after"] == min([report["error_before"], *report["per_epoch"]])
     assert json.loads((tmp_path / "efr.json").read_text())["backend"] == "raster"
@@ -80,17 +82,17 @@ def test_what_cannot_be_trained_is_refused(call, tmp_path):
     with pytest.raises(RunError, match="one to train and one to test"):
         call(carla=tmp_path)
     with pytest.raises(RunError, match="--views 0"):
-        call(scenes=[call.scene], views=0)
+        call(scenes=(call.scene,), views=0)
 
 
 def test_resumes_only_what_was_begun_from_the_same_files(call, tmp_path):
-    first = call(scenes=[call.scene])
+    first = call(scenes=(call.scene,))
     weights = (tmp_path / "efr.safetensors").read_bytes()
     with pytest.raises(RunError, match="efr: already holds a training; add --resume"):
-        call(scenes=[call.scene])
-    again = call(scenes=[call.scene], resume=True)
+        call(scenes=(call.scene,))
+    again = call(scenes=(call.scene,), resume=True)
     assert again["per_epoch"] == first["per_epoch"]
     assert (tmp_path / "efr.safetensors").read_bytes() == weights
     call.scene.write_text(SCENE + "\nsky: {scale: 0.5}\n")
     with pytest.raises(RunError, match="scene.yaml: has changed since"):
-        call(scenes=[call.scene], resume=True)
+        call(scenes=(call.scene,), resume=True)
