@@ -91,7 +91,7 @@ HEADINGS = (
 class Bench:
     """One scene with its reference."""
 
-    def __init__(self, path: Path, detector: Detector):
+    def __init__(self, path: Path, detector: Detector) -> None:
         self.scene, self.detector = load_scene(path), detector
         self.vehicle = build.build_vehicle(self.scene)
         self.paint = build.build_paint(self.scene, self.vehicle)

@@ -57,7 +57,7 @@ class TimeUp(Exception):
 class Contest:
     """One scene and one detector for all backends."""
 
-    def __init__(self, scene: Path, detector: str, seconds: float):
+    def __init__(self, scene: Path, detector: str, seconds: float) -> None:
         self.scene, self.seconds = load_scene(scene), seconds
         self.targets = build.build_targets([detector])
         self.vehicle = build.build_vehicle(self.scene)

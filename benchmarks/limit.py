@@ -29,8 +29,8 @@ from cnca.scene.variation import draw_views
 from cnca.vehicle.model import Part, Vehicle
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402
-from matplotlib.ticker import EngFormatter  # noqa: E402
+from matplotlib import pyplot as plt
+from matplotlib.ticker import EngFormatter
 
 SCENE = Path("scenes/sedan_clear.yaml")
 WORK = ("floor", "forward", "forward + backward")
@@ -64,7 +64,7 @@ AXES: dict[str, list[Size]] = {
 class Bench:
     """One scene at any size."""
 
-    def __init__(self, turns: int):
+    def __init__(self, turns: int) -> None:
         self.turns = turns
         self.scene: Scene = load_scene(SCENE)
         self.vehicle = build.build_vehicle(self.scene)

@@ -50,7 +50,9 @@ Step = Callable[[int], Tensor]
 class Bench:
     """Some views of one scene, a texture, and what the loss sends back into the pictures."""
 
-    def __init__(self, scene_file: Path, options: argparse.Namespace, views: int, size: int):
+    def __init__(
+        self, scene_file: Path, options: argparse.Namespace, views: int, size: int
+    ) -> None:
         scene = load_scene(scene_file)
         vehicle = build.build_vehicle(scene)
         paint = build.build_paint(scene, vehicle)

@@ -21,7 +21,7 @@ FOG_DEPTH = 64
 class _Plain:
     """A Mitsuba scene whose paint is a bitmap texture."""
 
-    def __init__(self, bench: Bench, integrator: dict[str, Any]):
+    def __init__(self, bench: Bench, integrator: dict[str, Any]) -> None:
         self.bench, self.integrator = bench, mi.load_dict(integrator)
         renderer, weather = bench.renderer, bench.weather
         plan = renderer.plan(bench.albedo, bench.views, weather)
@@ -79,7 +79,7 @@ class _Plain:
 class BatchAD(_Plain):
     """All views in one picture, differentiated step by step of the path."""
 
-    def __init__(self, bench: Bench):
+    def __init__(self, bench: Bench) -> None:
         super().__init__(bench, {"type": "path", "max_depth": 12})
         width = sum(view.width for view in bench.views)
         sensors = {f"view_{i}": sensor(view) for i, view in enumerate(self.views)}
@@ -99,7 +99,7 @@ class BatchAD(_Plain):
 class Script(_Plain):
     """One view after the other, by path replay."""
 
-    def __init__(self, bench: Bench):
+    def __init__(self, bench: Bench) -> None:
         kind = {"type": "prb", "max_depth": 12}
         if bench.weather.fog is not None:
             kind = {"type": "prbvolpath", "max_depth": FOG_DEPTH}

@@ -48,11 +48,11 @@ def rank(folder: Path, count: int, steps: int, gradient_steps: int) -> None:
     loop.draw_pool = lambda scene, settings: lambda step: (views, weather)
     all_reduce = dist.all_reduce
 
-    def counted(tensor):
+    def counted(tensor) -> None:
         sent.append(tensor.nbytes)
         all_reduce(tensor)
 
-    def after_step(progress, record):
+    def after_step(progress, record) -> None:
         moments.append((time.perf_counter(), time.process_time(), sum(sent)))
 
     dist.all_reduce = counted

@@ -34,7 +34,7 @@ SIZE, BOUND = 256, 6.0
 class Texels:
     """A ``TextureGenerator`` whose feature is the picture itself, as logits."""
 
-    def __init__(self, side: int):
+    def __init__(self, side: int) -> None:
         self.side = side
         self.feature_shape = (side * side, 3)
 

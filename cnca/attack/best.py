@@ -56,7 +56,7 @@ class Best:
 class Validation:
     """What a check looks at: always the same views, weathers and noise."""
 
-    def __init__(self, attack: Attack, settings: Settings, text_feature: Tensor):
+    def __init__(self, attack: Attack, settings: Settings, text_feature: Tensor) -> None:
         self.attack, self.settings, self.text_feature = attack, settings, text_feature
         self.seed = settings.seed + VALIDATION_SEED
         self.views, self.weathers = draw_blocks(

@@ -38,9 +38,9 @@ def suppress(
         corners = boxes.double().cpu()
         left_top_size = torch.cat([corners[:, :2], corners[:, 2:] - corners[:, :2]], dim=1)
         kept = cv2.dnn.NMSBoxesBatched(
-            left_top_size.numpy(),  # type: ignore[arg-type]
-            scores.float().cpu().numpy(),  # type: ignore[arg-type]
-            labels.int().cpu().numpy(),  # type: ignore[arg-type]
+            left_top_size.numpy(),
+            scores.float().cpu().numpy(),
+            labels.int().cpu().numpy(),
             score_threshold=0.0,  # applied above
             nms_threshold=iou_threshold,
         )

@@ -25,7 +25,7 @@ def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
 def resumable(console: Console, advice: str) -> Iterator[None]:
     """After Ctrl-C print ``advice`` and exit with code 130, after SIGTERM with 143."""
 
-    def terminate(number: int, frame: FrameType | None) -> None:
+    def terminate(_number: int, _frame: FrameType | None) -> None:
         raise Terminated
 
     previous = signal.signal(signal.SIGTERM, terminate)

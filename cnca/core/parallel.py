@@ -18,13 +18,15 @@ from typing import Any, TypeVar
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch.distributed.distributed_c10d import PrefixStore
+from torch.distributed.rendezvous import rendezvous
 
 LAUNCHED = "TORCHELASTIC_RUN_ID"
 """Set by torchrun."""
 PATIENCE = timedelta(days=1)
 """For the others, while one judges; a process that dies is noticed by torchrun, at once."""
 
-Items = TypeVar("Items", Sequence, Tensor)
+Items = TypeVar("Items", Sequence[Any], Tensor)
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -36,10 +38,10 @@ def joined() -> Iterator[None]:
         yield
         return
     _keep_to_own_cores()
-    store, own, every = next(dist.rendezvous("env://", timeout=PATIENCE))
+    store, own, every = next(rendezvous("env://", timeout=PATIENCE))
     if os.environ["GROUP_WORLD_SIZE"] == "1":  # several machines count their restarts apart
         # torchrun's store still has the addresses of a group that died; who reads one waits for it.
-        store = dist.PrefixStore(os.environ["TORCHELASTIC_RESTART_COUNT"], store)
+        store = PrefixStore(os.environ["TORCHELASTIC_RESTART_COUNT"], store)
     dist.init_process_group(store=store, rank=own, world_size=every, timeout=PATIENCE)
     try:
         with redirect_stdout(io.StringIO()) if rank() else nullcontext():
@@ -83,14 +85,14 @@ class _Sum(torch.autograd.Function):
     """Sum over all processes.  Each holds a part of the loss, so that gradients are summed too."""
 
     @staticmethod
-    def forward(ctx: Any, value: Tensor) -> Tensor:
+    def forward(_ctx: Any, value: Tensor) -> Tensor:
         # gloo carries what lies in main memory, and adds it up as it lies there.
         total = value.detach().to("cpu", copy=True, memory_format=torch.contiguous_format)
         dist.all_reduce(total)
         return total.to(value)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+    def backward(_ctx: Any, gradient: Tensor) -> Tensor:
         return _Sum.apply(gradient)
 
 

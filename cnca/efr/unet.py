@@ -96,7 +96,7 @@ class _Corrected(torch.autograd.Function):
 class EnvironmentFeatureRenderer(nn.Module):
     """Corrects linear images (batch, 3, height, width) towards their reference's look."""
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS):
+    def __init__(self, widths: tuple[int, ...] = WIDTHS) -> None:
         super().__init__()
         inputs = (CHANNELS * FOLD**2, *widths[:-1])
         self.down = nn.ModuleList(_block(i, o) for i, o in zip(inputs, widths, strict=True))

@@ -51,7 +51,7 @@ TRUTH_SAMPLES, TRUTH_SEED = 128, 0x51ED270B
 class Studio:
     """One scene's vehicle, drawn by a cheap backend and by the path tracer."""
 
-    def __init__(self, scene: Scene, backend: str, samples: int):
+    def __init__(self, scene: Scene, backend: str, samples: int) -> None:
         vehicle = build.build_vehicle(scene)
         self.vehicle, self._paint = vehicle, build.build_paint(scene, vehicle)
         loop = build.build_loop_renderer(

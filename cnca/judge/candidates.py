@@ -127,7 +127,7 @@ def make_coats(
 
     def fixed(texture: SrgbTexture | None) -> Coat:
         albedo = paint.apply(texture)
-        return lambda weather: albedo
+        return lambda _weather: albedo
 
     coats = {NORMAL: fixed(None)}
     if "uniform" in wanted:

@@ -16,11 +16,12 @@ from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.detect.classes import CAR
 from cnca.judge.candidates import Coat
 from cnca.judge.evaluate import Shots, look, photograph
-from cnca.judge.gallery import digest, kept_detections, kept_pictures, recall
+from cnca.judge.gallery import Arrays, digest, kept_detections, kept_pictures, recall
 from cnca.judge.records import FrameFit
 from cnca.judge.rows import IGNORE
 from cnca.judge.truth import Other, Truth
 from cnca.judge.verdict import Seen
+from cnca.scene.cameras import View
 from cnca.scene.protocols import Detector, Renderer, SightingRenderer
 from cnca.scene.schema import Scene
 
@@ -75,7 +76,7 @@ class Stage:
         parts = []
         for weather, views in enumerate(self.shots.views):
 
-            def measured(views=views):
+            def measured(views: Sequence[View] = views) -> Arrays:
                 return {"boxes": self.renderer.vehicle_boxes(views).numpy()}
 
             path = self.folder / "boxes" / self.name / f"weather{weather:02d}.npz"
@@ -108,7 +109,7 @@ class Stage:
         for eye in eyes:
             path = self.folder / "detections" / eye.folder / self._place(row, weather)
 
-            def seen(eye=eye) -> list[Detections]:
+            def seen(eye: Eye = eye) -> list[Detections]:
                 return look(eye.detector, pictures())
 
             found[eye.name] = kept_detections(path, digest(key, eye.key), seen)

@@ -46,7 +46,7 @@ class KeptBackgrounds:
     meant for a loop that comes back to the same views.
     """
 
-    def __init__(self, renderer: MitsubaRenderer, plain: LinearTexture):
+    def __init__(self, renderer: MitsubaRenderer, plain: LinearTexture) -> None:
         self.renderer, self.plain = renderer, plain
         self._kept: dict[tuple[View, Weather], Background] = {}
         self._references: dict[tuple[View, Weather], torch.Tensor] = {}

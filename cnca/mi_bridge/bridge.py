@@ -42,7 +42,7 @@ class Shot:
         first: int = 0,
         only: str | None = None,
         shares: Float[np.ndarray, " pixels"] | None = None,
-    ):
+    ) -> None:
         """
         Args:
             first: with which of a pixel's evenly spread samples this part of them begins.

@@ -39,7 +39,7 @@ class TurnedMap:
 class EnvironmentMap:
     """Radiance of a map by direction."""
 
-    def __init__(self, turned: TurnedMap):
+    def __init__(self, turned: TurnedMap) -> None:
         self.turned = turned
         self._gain = dr.opaque(mi.Float, turned.gain)
         self.rotation = dr.opaque(mi.Float, np.radians(turned.place.rotation % 360))
@@ -55,7 +55,7 @@ class EnvironmentMap:
 class DirectionTable:
     """Directions of the upper half of a map, drawn in proportion to weights of its texels."""
 
-    def __init__(self, weights: Float[np.ndarray, "rows columns"], rotation: mi.Float):
+    def __init__(self, weights: Float[np.ndarray, "rows columns"], rotation: mi.Float) -> None:
         """``weights`` of all rows of a map, of which the lower half is not drawn; some are > 0."""
         self._rows, self._columns = weights.shape
         upper = np.ascontiguousarray(weights[: self._rows // 2], dtype=np.float64)
@@ -97,7 +97,7 @@ class PhotographedGround:
     vehicle keeps off, and what it reflects, changes it in proportion (Debevec 1998).
     """
 
-    def __init__(self, sky: EnvironmentMap, ground: mi.Shape):
+    def __init__(self, sky: EnvironmentMap, ground: mi.Shape) -> None:
         turned, environment = sky.turned, sky.turned.environment
         self.sky, self._ground = sky, mi.ShapePtr(ground)
         dr.make_opaque(self._ground)

@@ -26,7 +26,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cnca.core.errors import NonFiniteError
-from cnca.mi_bridge.light import Light, sky_directions, sky_solid_angles
+from cnca.mi_bridge.light import Light
+from cnca.scene.environment import sky_directions, sky_solid_angles
 from cnca.scene.weather import Fog
 
 ROWS, COLUMNS, LEVELS = 24, 32, 24
@@ -135,7 +136,7 @@ class _Layer:
         directions: Float[np.ndarray, "n 3"],
         weights: Float[np.ndarray, " n"],
         ground_albedo: Float[np.ndarray, "3"],
-    ):
+    ) -> None:
         self.mu = np.abs(directions[:, 2])
         self.looks_up = directions[:, 2] > 0  # and sees light that travels down
         self.tau = extinction * np.diff(heights)[:, None]

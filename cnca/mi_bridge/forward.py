@@ -35,7 +35,7 @@ ELEVATIONS = (0.0, 30.0)
 class ForwardShare:
     """f and Φ of one vehicle and one phase function, as tables that kernels read."""
 
-    def __init__(self, geometry: Geometry, asymmetry: float):
+    def __init__(self, geometry: Geometry, asymmetry: float) -> None:
         self.geometry = geometry
         self.top = float(geometry.vehicle_bounds[1][2])  # of the vehicle, in metres
         share = measure_share(geometry, asymmetry)

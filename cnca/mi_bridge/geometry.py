@@ -40,7 +40,7 @@ class Geometry:
         props: tuple[Part, ...] = (),
         materials: str = "coat",
         glass: str = "pane",
-    ):
+    ) -> None:
         """
         Args:
             ground_albedo: linear RGB in [0, 1].

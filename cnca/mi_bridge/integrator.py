@@ -54,7 +54,7 @@ class Sky:
         has_map: bool = True,
         sun_disc: bool = False,
         importance: bool = False,
-    ):
+    ) -> None:
         """Without a map the sky is black; a sun that is a disc casts shadows with soft edges.
 
         Below the horizon lies lit, endless ground either way, or what a measured map shows there.
@@ -91,7 +91,9 @@ class Sky:
 class FogLayer:
     """Closed-form transmittance through the layer, and the light that it adds to a ray."""
 
-    def __init__(self, fog: Fog, field: FogField, sky: Sky, forward: ForwardShare | None = None):
+    def __init__(
+        self, fog: Fog, field: FogField, sky: Sky, forward: ForwardShare | None = None
+    ) -> None:
         """Without ``forward`` the fog in front of the vehicle scatters as over bare ground.
 
         A field of one airlight is not looked up.
@@ -253,7 +255,7 @@ def _keep(
 
 
 @dr.syntax
-def trace(
+def trace(  # noqa: C901  (one kernel, as prb.py has it)
     scene: mi.Scene,
     surroundings: Surroundings,
     sampler: mi.Sampler,

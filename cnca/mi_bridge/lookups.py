@@ -41,7 +41,7 @@ class LookupRenderer:
     no other noise than their shading, which does not change: the seed is without effect.
     """
 
-    def __init__(self, kept: KeptBackgrounds, shading: Shading, refresh: int | None = None):
+    def __init__(self, kept: KeptBackgrounds, shading: Shading, refresh: int | None = None) -> None:
         """With ``refresh`` a view is shaded anew, in the present texture, after so many renders.
 
         A run that is interrupted then does not go on as if it had not been.

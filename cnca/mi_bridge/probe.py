@@ -46,7 +46,7 @@ class Kept:
 class Probe:
     """A :class:`Kept` as textures that kernels read."""
 
-    def __init__(self, kept: Kept):
+    def __init__(self, kept: Kept) -> None:
         self.kept = kept
         self._columns = kept.radiance.shape[1]
         self._map = mi.Texture2f(wrap_columns(kept.radiance), wrap_mode=dr.WrapMode.Clamp)

@@ -15,16 +15,11 @@ from jaxtyping import Float
 from cnca.core.types import LinearTexture
 from cnca.mi_bridge.affine import AffinePicture, texel_weights
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
-from cnca.mi_bridge.light import (
-    Light,
-    lambertian_white,
-    make_light,
-    sky_directions,
-    sky_solid_angles,
-)
+from cnca.mi_bridge.light import Light, lambertian_white, make_light
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import Spot, View
+from cnca.scene.environment import sky_directions, sky_solid_angles
 from cnca.scene.weather import Weather
 
 FILTER_SAMPLES = 64
@@ -39,7 +34,7 @@ Vectors = Float[np.ndarray, "points 3"]
 class PlainShading:
     """Shades one view: matt paint over a kept background."""
 
-    def __init__(self, kept: KeptBackgrounds):
+    def __init__(self, kept: KeptBackgrounds) -> None:
         self.kept, self.renderer = kept, kept.renderer
         self._white = lru_cache(self._make_white)
 

@@ -27,7 +27,9 @@ HASH_ROUNDS = 8
 class Cameras:
     """Pin-hole cameras with a common picture size, as arrays that kernels read from memory."""
 
-    def __init__(self, views: Sequence[View], pixels: Int[np.ndarray, " pixels"] | None = None):
+    def __init__(
+        self, views: Sequence[View], pixels: Int[np.ndarray, " pixels"] | None = None
+    ) -> None:
         """
         Args:
             pixels: the only ones to look through, counted over views, rows and columns.

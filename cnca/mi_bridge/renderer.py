@@ -61,7 +61,7 @@ class MitsubaRenderer:
         props: tuple[Part, ...] = (),
         demand: Demand | None = None,
         worlds: Callable[[Spot], World] | None = None,
-    ):
+    ) -> None:
         """
         Args:
             ground_albedo: linear RGB in [0, 1].

@@ -47,7 +47,7 @@ class _Split:
 class TracedShading:
     """Shades one view by the path tracer, split into texture and all that multiplies it."""
 
-    def __init__(self, kept: KeptBackgrounds, samples: int, *, seed: int = BACKGROUND_SEED):
+    def __init__(self, kept: KeptBackgrounds, samples: int, *, seed: int = BACKGROUND_SEED) -> None:
         """``samples`` are the rays per pixel of the vehicle."""
         self.kept, self.renderer, self.samples, self.seed = kept, kept.renderer, samples, seed
 

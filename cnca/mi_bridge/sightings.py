@@ -18,7 +18,7 @@ NEARNESS = 1e-4
 class Sightings:
     """A world's objects, each as a scene of its own, to look for them in pictures of all."""
 
-    def __init__(self, world: World):
+    def __init__(self, world: World) -> None:
         self._objects = [(o.label, _alone(world, o)) for o in world.objects]
 
     def look(self, geometry: Geometry, cameras: Cameras) -> list[list[Sighting]]:

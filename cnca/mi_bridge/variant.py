@@ -37,7 +37,7 @@ def cuda_traces_rays() -> bool:
 
 
 _TRACE_ONE_RAY = """
-import mitsuba as mi
+import mitsuba as mi  # noqa: E402
 mi.set_variant("cuda_ad_rgb")
 scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere"}})
 ray = mi.Ray3f(mi.Point3f(0, 0, -3), mi.Vector3f(0, 0, 1))

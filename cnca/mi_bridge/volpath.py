@@ -36,7 +36,7 @@ SUN_DISTANCE = 1e6
 """Metres: the disc keeps its place in the sky to 0.2° within the whole box of fog."""
 
 
-def as_envmap(sky: Float[np.ndarray, "rows columns 3"]) -> dict:
+def as_envmap(sky: Float[np.ndarray, "rows columns 3"]) -> dict[str, object]:
     """Our sky map as Mitsuba's ``envmap``: y up, φ from −z to +x, here turned to z up.
 
     No texel is black: where four neighbours are, a random number of exactly 0 leads ``envmap`` to a
@@ -52,7 +52,7 @@ def as_envmap(sky: Float[np.ndarray, "rows columns 3"]) -> dict:
     return {"type": "envmap", "bitmap": bitmap, "to_world": turned}
 
 
-def as_sun(light: Light, *, disc: bool) -> dict:
+def as_sun(light: Light, *, disc: bool) -> dict[str, object]:
     """The sun as one direction, or as a far disc (a sphere's cone is 0.3 % off in float32)."""
     if not disc:
         return {
@@ -105,7 +105,7 @@ def in_fog(
 
 def mitsuba_picture(
     scene: mi.Scene,
-    integrator: dict,
+    integrator: dict[str, object],
     cameras: Cameras,
     *,
     samples: int,
@@ -206,7 +206,7 @@ def exposed_volpath(
 class PrbVolpath:
     """Mitsuba's differentiable volumetric path tracer with a camera inside of the fog."""
 
-    def __init__(self, geometry: Geometry, light: Light, fog: Fog, view: View):
+    def __init__(self, geometry: Geometry, light: Light, fog: Fog, view: View) -> None:
         self.geometry = geometry
         foggy, medium = in_fog(geometry.scene, light, fog)
         bubble = {

@@ -52,7 +52,7 @@ def surface_bsdf(surface: Surface) -> mi.BSDF:
     return mi.load_dict(bsdf)
 
 
-def _color(surface: Surface) -> dict:
+def _color(surface: Surface) -> dict[str, object]:
     if surface.texture is None:
         return {"type": "rgb", "value": [float(c) for c in surface.base_color]}
     # Made linear here, so that the factor is applied in linear light; 256 levels are a table.
@@ -61,7 +61,7 @@ def _color(surface: Surface) -> dict:
     return linear_bitmap(np.stack(channels, axis=-1))
 
 
-def linear_bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict:
+def linear_bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict[str, object]:
     """A repeated picture of linear values; half precision is finer than the 8 bits of its file."""
     bitmap = mi.Bitmap(np.ascontiguousarray(linear, dtype=np.float16))
     return {"type": "bitmap", "bitmap": bitmap, "raw": True, "format": "fp16"}

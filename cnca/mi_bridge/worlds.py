@@ -29,7 +29,7 @@ class Worlds:
     So it is let go before pictures are rendered that do without it.
     """
 
-    def __init__(self, make: Callable[[Spot], World], alone: Geometry):
+    def __init__(self, make: Callable[[Spot], World], alone: Geometry) -> None:
         """
         Args:
             make: the world, moved around the vehicle, that a spot names.

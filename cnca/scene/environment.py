@@ -103,7 +103,7 @@ def read_environment(sky: SkyMap) -> Environment:
 
 
 @lru_cache(maxsize=4)
-def _read(path: Path, modified: int, size: int) -> Environment:
+def _read(path: Path, _modified: int, _size: int) -> Environment:
     pixels = read_radiance(path)
     height, width = pixels.shape[:2]
     if width != 2 * height and (height, width) != (1, 1):

@@ -56,7 +56,7 @@ class Setting:
 class Grid:
     """All settings of a scene, in an order in which every stretch is evenly spread."""
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene) -> None:
         ranges, image = scene.variation, scene.image
         # A full turn's end is its beginning: azimuths leave it out.
         azimuths = np.linspace(*ranges.azimuth, AZIMUTHS, endpoint=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -84,7 +85,7 @@ def in_blocks(drawn: Sequence[Drawn], count: int) -> list[Sequence[Drawn]]:
     16 blocks, views from a sixteenth of the circle each.
     """
     ends = [len(drawn) * k // count for k in range(count + 1)]
-    return [drawn[low:high] for low, high in zip(ends, ends[1:], strict=False)]
+    return [drawn[low:high] for low, high in itertools.pairwise(ends)]
 
 
 def _draw(spans: list[tuple[float, float]], count: int, seed: int, start: int) -> list[list[float]]:

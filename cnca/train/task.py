@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 import torch
@@ -48,7 +49,7 @@ class Task(ABC, Generic[Batch]):
     """In messages, and of the checkpoint."""
     network: nn.Module
     recipe: Recipe
-    settings: Settings = {}
+    settings: Settings = MappingProxyType({})
     """What a training must share with its checkpoint, beside the seed; steps may differ."""
     divided = False
     """Whether processes of torchrun have a part of each batch, and so of loss and gradient."""

@@ -31,7 +31,7 @@ class Reading:
 class _Finder(trimesh.resolvers.Resolver):
     """Finds the files that a mesh names: where it says, else by their name nearby."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path) -> None:
         self.folder = path.parent
         self.files, self.moved, self.missing = [path], {}, []  # type: ignore[var-annotated]
         self._nearby: dict[str, Path] | None = None

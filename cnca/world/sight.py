@@ -17,7 +17,7 @@ TARGETS = np.stack(
 class Sight:
     """A world around the origin, to look through from many sides."""
 
-    def __init__(self, world: World):
+    def __init__(self, world: World) -> None:
         triangles = [piece.vertices[piece.faces] for piece in world.pieces if len(piece.faces)]
         self._corners = np.concatenate(triangles) if triangles else np.zeros((0, 3, 3))
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)

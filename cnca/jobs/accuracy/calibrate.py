@@ -100,7 +100,7 @@ def random_case(seed: int) -> Case:
 class Studio:
     """Renders one case with the models that are asked for."""
 
-    def __init__(self, case: Case):
+    def __init__(self, case: Case) -> None:
         self.renderer = build.build_renderer(case.scene, build.build_vehicle(case.scene))
         self.look(case)
 

@@ -41,7 +41,7 @@ REFERENCE_SEED = 1 << 20
 class Bench:
     """Renders one view of a scene and measures what it gets."""
 
-    def __init__(self, scene: Scene, view: View, detector: Detector):
+    def __init__(self, scene: Scene, view: View, detector: Detector) -> None:
         vehicle = build.build_vehicle(scene)
         self.renderer = build.build_path_tracer(scene, vehicle)
         self.view, self.weather = view, scene.weather()

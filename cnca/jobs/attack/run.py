@@ -137,7 +137,7 @@ def _attack(request: Request, attack: Attack, progress: Progress, console: Conso
 
 def _board(request: Request, progress: Progress) -> AbstractContextManager[tensorboard.Log]:
     if not request.tensorboard or parallel.rank() > 0:
-        return nullcontext(lambda record: None)
+        return nullcontext(lambda _record: None)
     return tensorboard.logging_to(request.out / "tensorboard", progress.step)
 
 

@@ -51,7 +51,7 @@ Mask = Float[np.ndarray, "height width"]
 class DataSet:
     """A folder in this layout."""
 
-    def __init__(self, folder: Path, label: str = CAR):
+    def __init__(self, folder: Path, label: str = CAR) -> None:
         """``label`` is what the pictured vehicle is."""
         self.folder, self.label = folder, label
 

@@ -100,7 +100,7 @@ class RenderedRecord(Setting):
 class _Stage:
     """The scene's vehicle, ready for its settings."""
 
-    def __init__(self, scene: Scene, samples: int):
+    def __init__(self, scene: Scene, samples: int) -> None:
         vehicle = build.build_vehicle(scene)
         demand = Demand(forced={"gradient": "off"})
         self._renderer = build.build_renderer(scene, vehicle, samples=samples, demand=demand)

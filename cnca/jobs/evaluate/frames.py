@@ -46,7 +46,7 @@ class MaskedRenderer(Renderer, Protocol):
 class OverFrames:
     """Renders the vehicle over photographs; a :class:`cnca.scene.protocols.Renderer`."""
 
-    def __init__(self, renderer: MaskedRenderer, photographs: Mapping[View, SrgbImages]):
+    def __init__(self, renderer: MaskedRenderer, photographs: Mapping[View, SrgbImages]) -> None:
         """``photographs`` holds one image, (1, 3, height, width), for each view."""
         self.renderer, self._photographs = renderer, photographs
 

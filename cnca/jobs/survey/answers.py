@@ -80,7 +80,7 @@ def read_sheet(text: bytes, survey: Survey) -> Sheet:
 class Store:
     """Sheets in SQLite; what :meth:`keep` returned from survives a kill and a loss of power."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
         self._database = sqlite3.connect(path, check_same_thread=False, timeout=30)
         self._database.execute("PRAGMA journal_mode = WAL")

@@ -35,7 +35,7 @@ class SurveyServer(ThreadingHTTPServer):
     daemon_threads = False  # so that closing waits for the answers under way
     request_queue_size = 256
 
-    def __init__(self, folder: Path, *, host: str, port: int):
+    def __init__(self, folder: Path, *, host: str, port: int) -> None:
         self.survey = read_survey(folder)
         self.page = (folder / "index.html").read_bytes()
         self.store = Store(folder / STORE)

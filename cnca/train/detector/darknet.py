@@ -57,7 +57,11 @@ class TrainableDarknet(TrainableDetector):
 
     @classmethod
     def fine_tune(
-        cls, data: LabelledPictures, template: Path, out: Path, seed: int
+        cls,
+        data: LabelledPictures,  # noqa: ARG003  (the protocol has it)
+        template: Path,
+        out: Path,
+        seed: int,
     ) -> TrainableDarknet:
         """Copy ``template`` into ``out`` as it is, and read the weights beside it."""
         for suffix in (".cfg", ".names"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -74,7 +75,7 @@ class LabelledPictures:
                 raise DetectorError(f"{where} must lie in {width}×{height} px, with a known class")
 
 
-class TrainingPictures(Dataset):
+class TrainingPictures(Dataset[Any]):
     """Augmented pictures of the training half; the same seed and epoch give the same pictures."""
 
     def __init__(self, data: LabelledPictures, size: tuple[int, int], seed: int) -> None:

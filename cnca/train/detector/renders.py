@@ -114,7 +114,7 @@ def _save(path: Path, pictures: list[_Picture]) -> None:
 def _merge(out: Path, parts: Sequence[Path]) -> None:
     """Join the scenes; the first ones are for testing."""
     images: list[np.ndarray] = []
-    table: dict[str, list] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
+    table: dict[str, list[object]] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
     for index, part in enumerate(parts):
         with np.load(part) as scene:
             pictures, labels = scene["images"], json.loads(str(scene["labels"]))

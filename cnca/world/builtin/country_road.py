@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -30,7 +31,7 @@ CELL = 6.0
 class Course:
     """Where the road runs: straight around x = 0, then curves of about 300 m radius."""
 
-    def __init__(self, rng: np.random.Generator):
+    def __init__(self, rng: np.random.Generator) -> None:
         self._bends = rng.choice([-1.0, 1.0], 2) * rng.uniform(250.0, 420.0, 2)
         self._straight = 30.0
 
@@ -92,7 +93,7 @@ def _road(site: Site, rng: np.random.Generator, course: Course) -> None:
 class Terrain:
     """Ground that is level along the road and rolls away from it."""
 
-    def __init__(self, rng: np.random.Generator, course: Course):
+    def __init__(self, rng: np.random.Generator, course: Course) -> None:
         self._course = course
         self._waves = rng.uniform(-1, 1, (8, 3)) * [0.035, 0.035, np.pi]
         self._parcels = rng.random((40, 40))
@@ -195,7 +196,7 @@ def _poles(site: Site, course: Course, side: float) -> None:
         foot = np.array([[spot.x, spot.y, -0.3], [spot.x, spot.y, 7.5]])
         site.add("bark", tube(foot, np.array([0.13, 0.10]), 8), Pose())
         tops.append([spot.x, spot.y, 7.4])
-    for a, b in zip(tops[:-1], tops[1:], strict=True):
+    for a, b in itertools.pairwise(tops):
         t = np.linspace(0, 1, 9)[:, None]
         wire = (1 - t) * np.array(a) + t * np.array(b) - 2.8 * t * (1 - t) * [[0.0, 0.0, 1.0]]
         site.add("steel_dark", tube(wire, np.full(9, 0.015), 4), Pose())

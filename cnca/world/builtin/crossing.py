@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from cnca.world.builtin.block import (
@@ -88,8 +90,7 @@ def _fan(centre: tuple[float, float], radius: float) -> Mesh:
     angle = np.radians(np.linspace(180.0, 270.0, 10))
     rim = np.asarray(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     corners = [
-        [[*centre, KERB], [*a, KERB], [*b, KERB], [*b, KERB]]
-        for a, b in zip(rim[:-1], rim[1:], strict=True)
+        [[*centre, KERB], [*a, KERB], [*b, KERB], [*b, KERB]] for a, b in itertools.pairwise(rim)
     ]
     mesh = quads(np.array(corners))
     return Mesh(mesh.vertices, mesh.faces, mesh.normals, mesh.vertices[:, :2].copy())

@@ -6,6 +6,7 @@ its outside is −y.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,11 +54,11 @@ def wall(x: Span, z: Span, holes: list[tuple[Span, Span]]) -> Mesh:
     columns = np.unique([*x, *(edge for hole in holes for edge in hole[0])])
     rows = np.unique([*z, *(edge for hole in holes for edge in hole[1])])
     corners = []
-    for low, high in zip(rows[:-1], rows[1:], strict=True):
+    for low, high in itertools.pairwise(rows):
         middle = (low + high) / 2
         open_here = [hole[0] for hole in holes if hole[1][0] < middle < hole[1][1]]
         start = None
-        for a, b in zip(columns[:-1], columns[1:], strict=True):
+        for a, b in itertools.pairwise(columns):
             is_hole = any(left < (a + b) / 2 < right for left, right in open_here)
             if is_hole and start is not None:
                 corners.append(_upright((start, a), (low, high)))
@@ -143,9 +144,7 @@ def shop_front(
             continue
         count = max(1, round((span[1] - span[0]) / 2.4))
         edges = np.linspace(*span, count + 1)
-        holes += [
-            ((a + 0.05, b - 0.05), (0.45, top)) for a, b in zip(edges[:-1], edges[1:], strict=True)
-        ]
+        holes += [((a + 0.05, b - 0.05), (0.45, top)) for a, b in itertools.pairwise(edges)]
     site.add(style.base, wall(x, (0.0, height), holes), pose)
     for span, rise in holes:
         site.add(style.base, reveal(span, rise), pose)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,7 +26,7 @@ def lane(rng: np.random.Generator, x: Span, y: Span, z: float = 0.0) -> Mesh:
     """A strip of asphalt along x with one lane's wear, of randomly chosen pieces."""
     edges = np.append(np.arange(x[0], x[1] - 0.5, PIECE), x[1])
     corners, uvs = [], []
-    for left, right in zip(edges[:-1], edges[1:], strict=True):
+    for left, right in itertools.pairwise(edges):
         strip = int(rng.integers(LANE_STRIPS))
         low, high = LANE * strip + 0.03, LANE * (strip + 1) - 0.03
         if rng.random() < 0.5:
@@ -42,7 +43,7 @@ def area(rng: np.random.Generator, x: Span, y: Span, z: float = 0.0) -> Mesh:
     """A rectangle of asphalt, in strips along x of about a lane's width."""
     count = max(1, round((y[1] - y[0]) / LANE))
     edges = np.linspace(*y, count + 1)
-    return merge([lane(rng, x, pair, z) for pair in zip(edges[:-1], edges[1:], strict=True)])
+    return merge([lane(rng, x, pair, z) for pair in itertools.pairwise(edges)])
 
 
 def line(rng: np.random.Generator, x: Span, y: float, width: float = 0.12) -> Mesh:
@@ -135,7 +136,7 @@ def _patch(site: Site, rng: np.random.Generator, pose: Pose, x: Span, y: Span) -
     offset = tuple(rng.uniform(0, 13, 2))
     site.add(str(surface), rectangle((a, b), (c, d), REPAIRS, offset=offset), pose)
     outline = np.array([[a, c], [b, c], [b, d], [a, d], [a, c]])
-    for start, end in zip(outline[:-1], outline[1:], strict=True):
+    for start, end in itertools.pairwise(outline):
         path = start + (end - start) * np.linspace(0, 1, 6)[:, None]
         path = path + 0.01 * rng.standard_normal(path.shape)
         site.add("tar", ribbon(path, rng.uniform(0.02, 0.05, 6), SEALS), pose)
