@@ -33,6 +33,7 @@ class AttackProcess:
             "generator": self.generator,
             "out": out,
             "prompt": "zebra strips",
+            "preset": "paper",
             "steps": self.steps,
             "views-per-step": 1,
             "spp": 2,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -25,11 +25,21 @@ Tau = Annotated[
     ),
 ]
 
+Preset = Annotated[
+    str,
+    typer.Option(
+        help="best (the strongest natural result for the time) or paper (its setting): for the "
+        "flags that are not given.",
+        rich_help_panel=STRENGTH,
+    ),
+]
+
 
 @app.command(rich_help_panel=ATTACK)
 @takes(Request)
 def optimize(
     given: Given[Request],
+    preset: Preset = "best",
     tau: Annotated[
         str | None,
         typer.Option(
@@ -62,7 +72,7 @@ def optimize(
     from cnca.jobs.attack.runs import bounded
 
     with parallel.joined():
-        request = given.record()
+        request = _asked(given, preset)
         if dry_run:
             _forecast(bounded(request, tau))
         elif tau == "auto":
@@ -77,6 +87,7 @@ def optimize(
 @takes(Request, without=["resume"])
 def tradeoff(
     given: Given[Request],
+    preset: Preset = "paper",
     taus: Annotated[
         str, typer.Option(help="Bounds to compare.", rich_help_panel=STRENGTH)
     ] = "0.1,0.5,1,1.5,inf",
@@ -90,7 +101,7 @@ def tradeoff(
     from cnca.gen.scorer import load_scorer
     from cnca.jobs.attack.runs import read_taus, tradeoff
 
-    request = given.record()
+    request = _asked(given, preset)
     tradeoff(request, read_taus(taus), load_scorer(scorer), show.messages())
     show.attack_table(request.out, "tradeoff")
 
@@ -99,6 +110,8 @@ def tradeoff(
 @takes(Request, without=["prompt", "resume"])
 def prompts(
     given: Given[Request],
+    preset: Preset = "best",
+    *,
     wanted: Annotated[list[str], typer.Argument(help="Prompts to compare.", rich_help_panel=WHAT)],
     tau: Tau = None,
     scorer: Scorer = None,
@@ -111,7 +124,7 @@ def prompts(
     from cnca.gen.scorer import load_scorer
     from cnca.jobs.attack.runs import bounded, prompts
 
-    request = bounded(given.record(prompt=wanted[0]), tau)
+    request = bounded(_asked(given, preset, prompt=wanted[0]), tau)
     prompts(request, wanted, load_scorer(scorer), show.messages())
     show.attack_table(request.out, "prompts")
 
@@ -151,6 +164,21 @@ def rerun(
     from cnca.jobs.attack.rerun import rerun
 
     show.rerun(rerun(manifest, out, show.messages()))
+
+
+def _asked(given: Given[Request], preset: str, **more: Any) -> Request:
+    """What the flags say; what they do not say is the preset's.
+
+    Raises RunError where both a time and a number of steps are given.
+    """
+    from cnca.jobs.attack.presets import PRESETS, under_preset
+
+    but = [flag for flag in (*PRESETS.get(preset, ()), "steps", "minutes") if given.said(flag)]
+    if {"steps", "minutes"} <= set(but):
+        raise RunError("--steps and --minutes: the one decides the other; leave one out")
+    if "steps" in but:
+        but.append("minutes")
+    return under_preset(given.record(**more), preset, but=but)
 
 
 def run_attack(request: Request) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import Parameter, Signature
 from pathlib import Path
@@ -39,9 +39,11 @@ Samples = Annotated[
 class Given(Generic[Record]):
     """What a command line said about a record."""
 
-    def __init__(self, kind: type[Record], values: Mapping[str, Any]) -> None:
-        """``values``: field of the record, or of a record in it → value."""
-        self._kind, self._values = kind, values
+    def __init__(
+        self, kind: type[Record], values: Mapping[str, Any], said: Collection[str] = ()
+    ) -> None:
+        """``values``: field of the record, or of a record in it → value; ``said``: see below."""
+        self._kind, self._values, self._said = kind, values, said
 
     def record(self, **more: Any) -> Record:
         """The record, with ``more`` for the fields that have no flag in this command.
@@ -49,6 +51,10 @@ class Given(Generic[Record]):
         Raises the CncaError of the record's own checks.
         """
         return _fill(self._kind, {**self._values, **more})
+
+    def said(self, name: str) -> bool:
+        """Whether the command line or its run file said a field, be it its default."""
+        return name in self._said
 
     def asks_for(self, *names: str) -> bool:
         """Whether one of these fields, empty by default, was given."""
@@ -75,10 +81,14 @@ def takes(
         ]
         shared = {source.name: source.parameter() for part in sources for source in part}
 
-        def run(**given: Any) -> None:
+        def run(context: typer.Context, **given: Any) -> None:
             del given["config"]  # its content has become the others' values
             asked: list[Given[Any]] = [
-                Given(record, {s.field: s.value(given[s.name]) for s in part if s.tells(given)})
+                Given(
+                    record,
+                    {s.field: s.value(given[s.name]) for s in part if s.tells(given)},
+                    [s.field for s in part if _said(context, s.name)],
+                )
                 for record, part in zip(records, sources, strict=True)
             ]
             command(*asked, **{name: given[name] for name in taken})
@@ -86,6 +96,8 @@ def takes(
         config = Parameter("config", Parameter.KEYWORD_ONLY, default=None, annotation=Config)
         parameters = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in of_command]
         parameters = sorted([*parameters, *shared.values(), config], key=_place)
+        context = Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context)
+        parameters.append(context)
         # typer reads both.
         run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -93,6 +105,11 @@ def takes(
         return run
 
     return decorate
+
+
+def _said(context: typer.Context, flag: str) -> bool:
+    source = context.get_parameter_source(flag)
+    return source is not None and source.name != "DEFAULT"
 
 
 def _place(parameter: Parameter) -> tuple[int, bool]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -18,9 +18,10 @@ from rich.table import Table
 
 from cnca import build
 from cnca.attack.best import Validation
-from cnca.attack.loop import optimize, start
+from cnca.attack.loop import start
 from cnca.attack.parts import Attack
-from cnca.attack.settings import WEATHERS, Settings
+from cnca.attack.settings import Settings
+from cnca.jobs.attack.budget import decided, measure_steps, step_counts
 from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import assemble
 from cnca.judge.evaluate import Shots, evaluate
@@ -81,6 +82,7 @@ def forecast(request: Request) -> Forecast:
     began = time.perf_counter()
     attack = assemble(request, load_scene(request.scene))
     prepared = Part("preparation", 1, time.perf_counter() - began)
+    request = decided(request, attack)
     steps = _measure_steps(attack, request.settings)
     growth = _growth(attack, request.settings)
     others = [*_measure_checks(attack, request.settings), *_measure_verdict(attack, request)]
@@ -91,21 +93,9 @@ def forecast(request: Request) -> Forecast:
     return Forecast(parts, peak + growth, on_gpu)
 
 
-def step_counts(settings: Settings) -> tuple[int, int, int, int]:
-    """How many steps are the first, in a new weather, on new views in a known one, and neither."""
-    turns = -(-settings.pool_size // (WEATHERS * settings.views_per_step))
-    weathers = min(settings.steps, WEATHERS)
-    met = min(settings.steps, WEATHERS * turns)
-    return 1, weathers - 1, met - weathers, settings.steps - met
-
-
 def _measure_steps(attack: Attack, settings: Settings) -> list[Part]:
-    seconds: list[float] = []
-    for step in (0, 1, WEATHERS, WEATHERS):
-        one = replace(settings, steps=step + 1, check_every=0, patience=0)
-        progress = replace(start(attack, one), step=step)
-        optimize(attack, one, progress, lambda _, record: seconds.append(record["seconds_total"]))
     names = "first step", "steps in a new weather", "steps on new views", "other steps"
+    seconds = measure_steps(attack, settings)
     return [Part(*each) for each in zip(names, step_counts(settings), seconds, strict=True)]
 
 

@@ -9,8 +9,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cnca.attack.settings import Settings
+from cnca.core.errors import RunError
 from cnca.core.options import COST, OUTPUT, STRENGTH, Flag
 from cnca.gen import GUIDANCE
+
+JOB = "optimize"
+"""The command whose folders these are."""
 
 
 @dataclass(frozen=True)
@@ -75,16 +79,25 @@ class Request:
     """All else works on the CPU."""
     mixed_precision: Annotated[bool, Flag("U-Net in bfloat16 (autocast).", COST)] = False
     held_out_views: Annotated[int, Flag("Views that judge the result.", COST)] = 24
+    minutes: Annotated[
+        float | None, Flag("Minutes that the run may take; decides the steps.", COST)
+    ] = None
+    """See :mod:`cnca.jobs.attack.budget`; None takes the steps of the settings."""
     control_seeds: Annotated[
         int, Flag("Seeds of the prompt of which the best is a further control.", COST)
     ] = 0
     tensorboard: Annotated[bool, Flag("Also log into OUT/tensorboard.", OUTPUT)] = False
     resume: Annotated[bool, Flag("Go on with an interrupted run.", OUTPUT)] = False
 
+    def __post_init__(self) -> None:
+        """Raises RunError for a time that is none."""
+        if self.minutes is not None and not 0 < self.minutes < math.inf:
+            raise RunError(f"minutes is {self.minutes}: give a finite number above 0")
+
     def as_dict(self) -> dict[str, Any]:
         """Everything that decides the result: not the folder, its log, or how it is computed."""
         fields = asdict(self)
-        for name in ("out", "tensorboard", "resume", "gradient_checkpointing"):
+        for name in ("out", "tensorboard", "resume", "gradient_checkpointing", "minutes"):
             del fields[name]
         if self.settings.tau == math.inf:
             fields["settings"]["tau"] = "inf"  # which JSON cannot say as a number

@@ -13,8 +13,8 @@ from cnca.attack.settings import Settings
 from cnca.core.errors import RunError, did_you_mean
 from cnca.core.images import read_texture_srgb
 from cnca.core.manifest import Manifest, hashes
-from cnca.jobs.attack.request import Request
-from cnca.jobs.attack.run import JOB, run
+from cnca.jobs.attack.request import JOB, Request
+from cnca.jobs.attack.run import run
 
 
 @dataclass(frozen=True)

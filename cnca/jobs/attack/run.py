@@ -28,14 +28,13 @@ from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import load_scorer
 from cnca.jobs.attack import tensorboard
-from cnca.jobs.attack.request import Request
+from cnca.jobs.attack.budget import decided
+from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.verdict import judge
 from cnca.scene.protocols import TextureGenerator
 from cnca.scene.schema import Scene, load_scene
 
 CHECKPOINT = "checkpoint.pt"
-JOB = "optimize"
-"""Which command's run the folder holds."""
 
 
 def run(request: Request, console: Console) -> dict[str, Any]:
@@ -48,6 +47,7 @@ def run(request: Request, console: Console) -> dict[str, Any]:
         tensorboard.need_tensorboard()
     scene = load_scene(request.scene)
     attack = assemble(request, scene)
+    request = decided(request, attack)
     progress = start(attack, request.settings)
     parallel.by_first(lambda: _claim(request, scene, console))
     if (request.out / CHECKPOINT).exists():

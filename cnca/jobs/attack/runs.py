@@ -17,8 +17,9 @@ from cnca.core.manifest import read_json, write_json
 from cnca.core.pictures import side_by_side, write_png
 from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import PromptScorer
-from cnca.jobs.attack.request import Request
-from cnca.jobs.attack.run import JOB, claim, run
+from cnca.jobs.attack.budget import recorded
+from cnca.jobs.attack.request import JOB, Request
+from cnca.jobs.attack.run import claim, run
 from cnca.judge.naturalness import Naturalness, of_run
 from cnca.scene.schema import load_scene
 
@@ -63,7 +64,7 @@ def row(request: Request, label: str, scorer: PromptScorer, console: Console) ->
     """
     summary_file = request.out / "summary.json"
     if summary_file.exists() and RunFolder(request.out, JOB).occupied:
-        claim(request, load_scene(request.scene), resume=True)
+        claim(recorded(request), load_scene(request.scene), resume=True)
         summary = read_json(summary_file)
     else:
         console.print(f"{label}: {request.out}", soft_wrap=True)

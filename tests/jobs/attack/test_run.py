@@ -124,7 +124,13 @@ def complaint(request_for, monkeypatch, capsys, tmp_path):
     run.claim(request, load_scene(request.scene), resume=False)
     options = {"scene": request.scene, "detector": request.detectors[0], "out": request.out}
     options |= {"generator": request.generator, "prompt": "zebra strips", "steps": STEPS}
-    options |= {"views-per-step": 1, "learning-rate": 0.1, "spp": 2, "held-out-views": 4}
+    options |= {
+        "views-per-step": 1,
+        "learning-rate": 0.1,
+        "spp": 2,
+        "held-out-views": 4,
+        "preset": "paper",
+    }
 
     def resume(**changed: object) -> str:
         words = [word for k, v in (options | changed).items() for word in (f"--{k}", str(v))]
