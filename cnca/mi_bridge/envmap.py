@@ -14,14 +14,14 @@ from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.environment import (
     LUMINANCE,
     Environment,
-    sky_directions,
+    level_weights,
     sky_solid_angles,
 )
 from cnca.scene.weather import SkyMap
 
 TABLE_ROWS = 512
 """Most rows of a table that directions are drawn from."""
-DIMMEST = 0.25
+DIMMEST = 0.1
 """Least part of the mean that a direction is drawn with: dark ones may show bright surfaces."""
 
 
@@ -95,6 +95,10 @@ class PhotographedGround:
     With E the irradiance of the whole map on level ground, a point that the map sees along ω has
     the reflectance π L(ω) / E: where nothing stands around, it looks as in the picture.  What the
     vehicle keeps off, and what it reflects, changes it in proportion (Debevec 1998).
+
+    Rays leave it in proportion to what the sky adds to it, and each that escapes brings the same
+    light.  So open ground has no noise, and deep shade none; in half-shade all colours lose the
+    same share of the sky, their mean: its tint is neglected, and its texels below DIMMEST.
     """
 
     def __init__(self, sky: EnvironmentMap, ground: mi.Shape) -> None:
@@ -134,6 +138,10 @@ class PhotographedGround:
         p = o + (dr.safe_sqrt(b * b + inside) - b) * d
         return dr.select(inside > 0, dr.normalize(p - mi.Point3f(0, 0, self._height)), d)
 
+    def evened_sky(self, d: mi.Vector3f, density: mi.Float) -> mi.Color3f:
+        """Radiance of the sky along a ray from here that was drawn with that density."""
+        return self.sky_irradiance * (density / dr.maximum(d.z, 1e-6))
+
     def reflected(self, p: mi.Point3f, active: mi.Bool) -> mi.Color3f:
         """BRDF at a point, in 1/sr."""
         d = dr.normalize(mi.Vector3f(p.x, p.y, -self._height))
@@ -142,40 +150,40 @@ class PhotographedGround:
 
 def level_irradiance(environment: Environment) -> Float[np.ndarray, "3"]:
     """Of the sky, without the sun, on level ground."""
-    rows, columns = environment.radiance.shape[:2]
-    up = sky_directions(rows, columns)[..., 2:].clip(min=0)
-    weights = up * sky_solid_angles(rows, columns)[..., None]
+    weights = level_weights(*environment.radiance.shape[:2])[..., None]
     return (environment.radiance * weights).sum(axis=(0, 1), dtype=np.float64)
 
 
 def importance_table(sky: EnvironmentMap) -> DirectionTable:
     """Directions by how bright they are."""
-    luminance = _reduced(sky.turned.environment)
+    # Interpolation spreads a bright texel over its neighbours.
+    luminance = _reduced(sky.turned.environment.radiance @ LUMINANCE)
+    luminance = uniform_filter(luminance, 3, mode=("nearest", "wrap"))
     return DirectionTable(luminance * sky_solid_angles(*luminance.shape), sky.rotation)
 
 
 def _ground_table(environment: Environment, rotation: mi.Float) -> DirectionTable:
-    """Directions by what they add to level ground."""
-    luminance = _reduced(environment)
-    rows, columns = luminance.shape
-    up = sky_directions(rows, columns)[..., 2].clip(min=0)
-    return DirectionTable(luminance * up * sky_solid_angles(rows, columns), rotation)
+    """Directions by the share of its light that they add to level ground, the mean of colours."""
+    irradiance = level_irradiance(environment)
+    shares = environment.radiance @ np.where(irradiance > 0, 1 / np.maximum(irradiance, 1e-300), 0)
+    light = _reduced(shares)
+    return DirectionTable(light * level_weights(*light.shape), rotation)
 
 
-def _reduced(environment: Environment) -> Float[np.ndarray, "rows columns"]:
-    """Luminance in blocks, none of them black."""
-    luminance = (environment.radiance @ LUMINANCE).astype(np.float64)
-    rows, columns = luminance.shape
+def _reduced(
+    light: Float[np.ndarray, "fine_rows fine_columns"],
+) -> Float[np.ndarray, "rows columns"]:
+    """Its means in blocks, none of them 0."""
+    light = light.astype(np.float64)
+    rows, columns = light.shape
     if rows < 2:
         return np.ones((2, 4))
     step = max(rows // TABLE_ROWS, 1)
     rows, columns = rows // step // 2 * 2, columns // step
-    blocks = luminance[: rows * step, : columns * step]
-    luminance = blocks.reshape(rows, step, columns, step).mean(axis=(1, 3))
-    # Interpolation spreads a bright texel over its neighbours.
-    luminance = uniform_filter(luminance, 3, mode=("nearest", "wrap"))
-    mean = luminance.mean()
-    return np.maximum(luminance, DIMMEST * mean) if mean > 0 else np.ones_like(luminance)
+    blocks = light[: rows * step, : columns * step]
+    light = blocks.reshape(rows, step, columns, step).mean(axis=(1, 3))
+    mean = light[: rows // 2].mean()
+    return np.maximum(light, DIMMEST * mean) if mean > 0 else np.ones_like(light)
 
 
 @lru_cache(maxsize=2)

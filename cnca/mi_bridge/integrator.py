@@ -278,7 +278,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     sky, fog, probe = surroundings.sky, surroundings.fog, surroundings.probe
     photo, table = surroundings.photo, surroundings.table
     context = mi.BSDFContext()
-    counting = photo is not None and fog is None
+    catching = photo is not None and fog is None
     longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
 
     ray = mi.Ray3f(dr.detach(ray))  # current segment
@@ -286,8 +286,8 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     panes = mi.UInt32(0)  # panes passed so far
     L = mi.Color3f(0)  # gathered
     β = mi.Color3f(1)  # throughput
-    counted = mi.Bool(False)  # whether L holds the whole sky as the last surface sees it
-    pdf = mi.Float(0)  # of the direction, where the last surface sampled the sky, too; else 0
+    caught = mi.Bool(False)  # whether the last surface was a photograph
+    pdf = mi.Float(0)  # of the direction, if the last surface sampled the sky, too; else 0
     reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
     active = mi.Bool(True) if lanes is None else mi.Bool(lanes)  # lanes that still walk
 
@@ -310,15 +310,14 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
                 T, airlight = dr.select(escapes, 1, T), dr.select(escapes, 0, airlight)
             Le += β * airlight
             β *= T
-        if dr.hint(counting or table is not None, mode="scalar"):
-            share = dr.select(escapes, mi.Float(1), 0)
+        if dr.hint(catching or table is not None, mode="scalar"):
+            L_sky = surroundings.radiance(towards, escapes)
             if dr.hint(table is not None, mode="scalar"):
                 density = table.density(ray.d, escapes)  # type: ignore[union-attr]
-                share *= dr.select(pdf > 0, pdf / (pdf + density), 1)
-            # Whatever stands before the sky takes away what was counted.
-            share -= dr.select(active & counted, mi.Float(1), 0)
-            seen = share != 0
-            Le += dr.select(seen, β * surroundings.radiance(towards, seen) * share, 0)
+                L_sky *= dr.select((pdf > 0) & ~caught, pdf / (pdf + density), 1)
+            if dr.hint(catching, mode="scalar"):
+                L_sky = dr.select(caught, photo.evened_sky(ray.d, pdf), L_sky)  # type: ignore[union-attr]
+            Le += dr.select(escapes, β * L_sky, 0)
         else:
             Le += dr.select(escapes, β * surroundings.radiance(towards, escapes), 0)
 
@@ -351,13 +350,11 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
                     limited = dr.minimum(f_sun, surroundings.brightest)
                     f_sun = dr.select((depth > 0) | reflected, limited, f_sun)
                 Lr = dr.select(sunlit, β * f_sun * E_sun, 0)
-        if dr.hint(counting, mode="scalar"):
-            Le += dr.select(on_photo, β * f_photo * photo.sky_irradiance, 0)  # type: ignore[union-attr]
 
         # ---------------- light of the sky at the surface, where it is sampled ----------------
         if dr.hint(table is not None, mode="scalar"):
             skylit = mi.Bool(active_next)
-            if dr.hint(counting, mode="scalar"):
+            if dr.hint(catching, mode="scalar"):
                 skylit &= ~on_photo
             to_sky, density = table.sample(sampler.next_2d(skylit), skylit)  # type: ignore[union-attr]
             sky_ray = si.spawn_ray(to_sky)
@@ -393,19 +390,20 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
                 here = Reflection(si.uv, L, sun_slope, onward_slope)
                 reflections = _keep(here, reflections, depth, active_next)
         wo = si.to_world(bs.wo)
-        if dr.hint(counting, mode="scalar"):
+        if dr.hint(catching, mode="scalar"):
             wo_photo, density = photo.table.sample(across, on_photo)  # type: ignore[union-attr]
             weight = dr.select(on_photo, f_photo * wo_photo.z / density, weight)
             wo = dr.select(on_photo, wo_photo, wo)
-            counted = on_photo
         elif dr.hint(photo is not None, mode="scalar"):
             weight = dr.select(on_photo, dr.pi * f_photo, weight)
         active_next &= dr.max(weight) > 0
         ray_next = si.spawn_ray(wo)
-        pdf_next = mi.Float(0)
+        pdf_next, caught_next = mi.Float(0), mi.Bool(False)
         if dr.hint(table is not None, mode="scalar"):
             smooth = ~mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
-            pdf_next = dr.select(smooth & ~counted, bs.pdf, 0)
+            pdf_next = dr.select(smooth, bs.pdf, 0)
+        if dr.hint(catching, mode="scalar"):
+            pdf_next, caught_next = dr.select(on_photo, density, pdf_next), on_photo
 
         β *= weight
         ray = ray_next
@@ -414,10 +412,12 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
             active_next &= ~passed | (panes < MOST_PANES)
             panes += dr.select(passed, 1, 0)
             depth += dr.select(passed, 0, 1)
-            pdf_next = dr.select(passed, pdf, pdf_next)  # thin glass bends no ray
+            # Thin glass bends no ray.
+            pdf_next = dr.select(passed, pdf, pdf_next)
+            caught_next = dr.select(passed, caught, caught_next)
         else:
             depth += 1
-        pdf = pdf_next
+        pdf, caught = pdf_next, caught_next
         active = active_next
 
     return L, reflections

@@ -86,6 +86,12 @@ def sky_solid_angles(rows: int, columns: int) -> Float[np.ndarray, "rows 1"]:
     return ((edges[:-1] - edges[1:]) * 2 * np.pi / columns)[:, None]
 
 
+def level_weights(rows: int, columns: int) -> Float[np.ndarray, "rows 1"]:
+    """∫ cos θ dω over one texel of each row: what it adds to level ground; 0 below the horizon."""
+    edges = np.minimum(np.arange(rows + 1) * np.pi / rows, np.pi / 2)
+    return (np.diff(np.sin(edges) ** 2) * np.pi / columns)[:, None]
+
+
 def read_environment(sky: SkyMap) -> Environment:
     """The map in a file; kept as long as the file stays the same.
 
@@ -177,14 +183,7 @@ def _rival(
 
 def _contrast(luminance: Float[np.ndarray, "rows columns"]) -> float:
     """Of the upper half, whose directions rays leave level ground in proportion to their cosine."""
-    rows, columns = luminance.shape
-    upper = max(rows // 2, 1)
-    cosine = np.cos((np.arange(rows) + 0.5) * np.pi / rows).clip(min=0)[:upper, None]
-    weights = np.broadcast_to(
-        (cosine * sky_solid_angles(rows, columns)[:upper]), luminance[:upper].shape
-    )
-    if weights.sum() == 0:
-        return 0.0
-    mean = np.average(luminance[:upper], weights=weights)
-    square = np.average(luminance[:upper].astype(np.float64) ** 2, weights=weights)
+    weights = np.broadcast_to(level_weights(*luminance.shape), luminance.shape)
+    mean = np.average(luminance, weights=weights)
+    square = np.average(luminance.astype(np.float64) ** 2, weights=weights)
     return float(np.sqrt(max(square / mean**2 - 1, 0.0))) if mean > 0 else 0.0

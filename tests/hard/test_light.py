@@ -54,9 +54,31 @@ def test_a_million_times_the_light_is_exposed_to_the_same_picture():
     np.testing.assert_allclose(look("sun_scale_1e6").image, look("plain").image, rtol=1e-4)
 
 
-def test_no_light_is_black():
-    assert (look("light_none").images == 0).all()
-    assert (look("light_none").gradients == 0).all()
+@pytest.mark.parametrize("name", ["light_none", "sky_map_black"])
+def test_no_light_is_black(name):
+    assert (look(name).images == 0).all()
+    assert (look(name).gradients == 0).all()
+
+
+def test_the_same_light_from_everywhere_hides_the_horizon():
+    """White card is 1 in it, and so is everything else but the vehicle and the shade around it."""
+    seen = look("sky_map_one_texel")
+    image, depth = seen.image[0], seen.layers.depth[0]
+    far = ~(depth < 20) & (seen.layers.mask[0] == 0)
+    assert far.sum() > 50
+    np.testing.assert_allclose(image[:, far], 1, rtol=1e-3)
+    assert 0 < image[:, seen.layers.mask[0] == 1].mean() < 1
+
+
+def test_a_sun_of_a_million_leaves_no_specks():
+    """It is one direction: what it lights is at most as bright as white card that faces it."""
+    seen = look("sky_map_sun_1e6")
+    assert seen.weather.sun_altitude == pytest.approx(43.6, abs=0.1)
+    depth = seen.layers.depth[0]
+    sky = seen.image[0][:, np.isinf(depth)]
+    white = seen.light.sun_irradiance / np.pi + seen.light.sky[0, 0]
+    assert np.unique(sky.round(4)).size <= 2, "the sky and what the map has below it"
+    assert seen.images[:, 0, :, seen.layers.mask[0] == 1].max() < 1.2 * white.max()
 
 
 def test_against_the_sun_the_sky_is_the_sky_map():
