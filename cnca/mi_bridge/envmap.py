@@ -21,7 +21,7 @@ from cnca.scene.weather import SkyMap
 
 TABLE_ROWS = 512
 """Most rows of a table that directions are drawn from."""
-DIMMEST = 0.1
+DIMMEST = 0.25
 """Least part of the mean that a direction is drawn with: dark ones may show bright surfaces."""
 
 
