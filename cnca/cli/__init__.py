@@ -7,7 +7,7 @@ import gc
 import os
 import sys
 
-from cnca.cli import attack, data, evaluate, render, report, train, vehicle  # noqa: F401
+from cnca.cli import attack, data, evaluate, render, report, style, train, vehicle  # noqa: F401
 from cnca.cli.app import app
 from cnca.cli.examples import add_examples
 from cnca.core.errors import CncaError

@@ -31,6 +31,11 @@ EXAMPLES = {
         f"evaluate {SCENE} --texture mine=paint.png --detector yolo=yolov3.cfg --out out/yolo",
     ],
     "table1": [f"table1 {SCENE} --texture Ours=out/sedan --out out/table1"],
+    "judge-style": [
+        "judge-style out/sedan",
+        'judge-style mine=paint.png --prompt "zebra strips" --prompt "red plaid"',
+    ],
+    "train-style-judge": ["train-style-judge --out out/style_judge"],
     "render-dataset": ["render-dataset --scene builtin:sedan_clear --out out/data --images 64"],
     "import-carla": ["import-carla ../carla --out out/carla --scene scenes/etron_carla.yaml"],
     "reorder-uv": ["reorder-uv my_car.obj -o out/my_car.obj --up z --paint-mask mask.png"],

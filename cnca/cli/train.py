@@ -44,6 +44,22 @@ def train_scorer(
     typer.echo(f"{trained.file}: right prompt of ten in {trained.right:.1%} of {trained.pictures}")
 
 
+@app.command("train-style-judge", rich_help_panel=TRAIN)
+def train_style_judge(
+    out: Annotated[Path, typer.Option(help="Folder for its pictures and weights.")],
+    seed: Seed = 0,
+    resume: Resume = False,
+) -> None:
+    """Train the judge of style, apart from the generator and the scorer, and test it."""
+    from cnca.train.style_judge import train_style_judge as train
+
+    trained = train(out, seed=seed, resume=resume)
+    typer.echo(
+        f"{trained.file}: pattern right in {trained.style:.1%}, all color words in "
+        f"{trained.colors:.1%} of {trained.pictures} unseen textures"
+    )
+
+
 @app.command("train-detector", rich_help_panel=TRAIN)
 def train_detector(
     out: Annotated[
