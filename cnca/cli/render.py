@@ -87,6 +87,12 @@ def calibrate(
         int, typer.Option(help="Random scenes to measure.", rich_help_panel=COST)
     ] = 32,
     seed: Annotated[int, typer.Option(help="Number of the first scene.", rich_help_panel=WHAT)] = 0,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            help="Price this effect alone, beside the shipped prices.", rich_help_panel=WHAT
+        ),
+    ] = None,
 ) -> None:
     """Measure errors and times of all models, from which render-scene's plan predicts."""
     from rich.console import Console
@@ -94,4 +100,4 @@ def calibrate(
     from cnca.jobs.accuracy.calibrate import calibrate
 
     console = Console(stderr=True)
-    typer.echo(calibrate(out, scenes=scenes, seed=seed, console=console))
+    typer.echo(calibrate(out, scenes=scenes, seed=seed, console=console, only=only))

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cnca.core.errors import CncaError, did_you_mean
+from cnca.effects.caustics import CausticsEffect
 from cnca.effects.daylight import SkyEffect, SunEffect
 from cnca.effects.effect import Effect, Model
 from cnca.effects.estimate import GradientEffect, SamplesEffect
 from cnca.effects.fog import FogEffect
 from cnca.effects.subject import Contents
 from cnca.effects.surfaces import GlassEffect, InterreflectionEffect, MaterialsEffect
-from cnca.effects.world import CausticsEffect, SurroundingsEffect
+from cnca.effects.world import SurroundingsEffect
 
 _ALL: tuple[Effect, ...] = (
     FogEffect(),

@@ -41,8 +41,9 @@ class SunEffect(Effect):
         return replace(weather, sun_scale=0.0) if model == "off" else weather
 
     def unforeseen(self, models: Mapping[str, Model]) -> bool:
-        """Lacquer mirrors a sun without width as rare glints."""
-        return models[self.name] == "direction" and models["materials"] == "coat"
+        """Lacquer mirrors a sun without width as rare glints, unless these are bounded."""
+        glossy = models["materials"] == "coat" and models["caustics"] == "kept"
+        return models[self.name] == "direction" and glossy
 
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """Where it stands."""

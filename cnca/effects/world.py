@@ -6,8 +6,6 @@ from cnca.effects.effect import Effect, Model
 from cnca.effects.subject import Contents, Subject
 
 GEOMETRY = "geometry"
-BRIGHTEST = 2.0
-"""1/sr: most that regularised caustics reflect of the sun, six times white paper."""
 
 
 class SurroundingsEffect(Effect):
@@ -36,29 +34,3 @@ class SurroundingsEffect(Effect):
             "probe": "the world's light is a panorama and a map of its shadows, kept",
             GEOMETRY: "every path meets the world itself",
         }[str(model)]
-
-
-class CausticsEffect(Effect):
-    """Sunlight that windows and lacquer of a world throw on other surfaces.
-
-    Kept, it is met by one path in thousands: white specks.  Regularised, such a surface reflects no
-    more than :data:`BRIGHTEST` once another surface sees it.
-    """
-
-    name = "caustics"
-    models = ("regularised", "kept")
-    usual = "regularised"
-
-    def amount(self, contents: Contents) -> float:
-        """1 where there is a world."""
-        return float(contents.world is not None)
-
-    def present(self, subject: Subject) -> tuple[Model, ...]:
-        """Without a world they are few, and kept."""
-        return self.models if subject.amounts.get(self.name) else self.models[-1:]
-
-    def why(self, model: Model, subject: Subject, error: float) -> str:
-        """What the model does."""
-        if model == "regularised":
-            return "mirrored sunlight is spread, or pictures have white specks"
-        return "mirrored sunlight is met by chance"

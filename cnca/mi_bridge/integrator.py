@@ -222,6 +222,9 @@ class Surroundings:
         return (self.probe or self.sky).radiance(d, active)
 
 
+SHARP = 3.0
+"""Density (1/sr) of a direction from which on a lobe counts as a mirror, in which glints are seen
+rather than gathered; that of matt surfaces is at most 1/π."""
 SLOPES = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
 """Without a sun none of its light depends on the texture."""
 
@@ -288,6 +291,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     β = mi.Color3f(1)  # throughput
     caught = mi.Bool(False)  # whether the last surface was a photograph
     pdf = mi.Float(0)  # of the direction, if the last surface sampled the sky, too; else 0
+    spread = mi.Bool(reflected)  # whether a surface before sent the path on in a wide lobe
     reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
     active = mi.Bool(True) if lanes is None else mi.Bool(lanes)  # lanes that still walk
 
@@ -348,7 +352,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
                 f_sun = bsdf.eval(context, si, si.to_local(to_sun), sunlit)
                 if dr.hint(surroundings.brightest is not None, mode="scalar"):
                     limited = dr.minimum(f_sun, surroundings.brightest)
-                    f_sun = dr.select((depth > 0) | reflected, limited, f_sun)
+                    f_sun = dr.select(spread, limited, f_sun)
                 Lr = dr.select(sunlit, β * f_sun * E_sun, 0)
 
         # ---------------- light of the sky at the surface, where it is sampled ----------------
@@ -407,6 +411,9 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
 
         β *= weight
         ray = ray_next
+        if dr.hint(surroundings.brightest is not None, mode="scalar"):
+            mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta) | (bs.pdf >= SHARP)
+            spread |= active_next & ~mirrored
         if dr.hint(surroundings.panes, mode="scalar"):
             passed = active_next & mi.has_flag(bs.sampled_type, mi.BSDFFlags.Null)
             active_next &= ~passed | (panes < MOST_PANES)

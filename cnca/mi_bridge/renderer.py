@@ -13,10 +13,10 @@ from jaxtyping import Float, Int
 from cnca.core.errors import TextureError
 from cnca.core.types import Boxes, LinearImages, LinearTexture
 from cnca.effects.catalog import amounts
+from cnca.effects.caustics import BOUNDS
 from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan, plan
 from cnca.effects.subject import Contents, Subject
-from cnca.effects.world import BRIGHTEST
 from cnca.mi_bridge.atmosphere import Atmosphere, make_atmosphere
 from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.finite import refuse_non_finite
@@ -209,8 +209,7 @@ class MitsubaRenderer:
         if self.worlds is not None:
             rung = str(chosen.demand.forced.get("surroundings", portion.rung))
             geometry, around, white = self.worlds.light(one_spot(views), atmosphere, rung)
-            if chosen["caustics"] == "regularised":
-                around = replace(around, brightest=BRIGHTEST)
+        around = replace(around, brightest=BOUNDS[str(chosen["caustics"])])
         at_once = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
         refuse_too_many(cameras.lanes(at_once))
         return [

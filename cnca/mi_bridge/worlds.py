@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cnca.core.errors import SceneError
-from cnca.effects.world import BRIGHTEST, GEOMETRY
+from cnca.effects.caustics import BOUNDS
+from cnca.effects.world import GEOMETRY
 from cnca.mi_bridge.atmosphere import DARKEST, Atmosphere
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.integrator import Surroundings
@@ -114,7 +115,8 @@ class Worlds:
 
     def _measure(self, spot: Spot, atmosphere: Atmosphere, resolution: Resolution) -> Kept:
         bare = self._both(spot)[1]
-        around = replace(atmosphere.surroundings, panes=bare.has_panes, brightest=BRIGHTEST)
+        bound = BOUNDS["regularised"]
+        around = replace(atmosphere.surroundings, panes=bare.has_panes, brightest=bound)
         return measure(bare, around, self._alone.vehicle_bounds, resolution)
 
 

@@ -18,15 +18,15 @@ from rich.console import Console
 from scipy.optimize import nnls
 
 from cnca import build
-from cnca.core.errors import RunError
+from cnca.core.errors import CncaError, RunError, did_you_mean
 from cnca.core.manifest import versions, write_json
 from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearTexture
 from cnca.effects.catalog import EFFECTS
-from cnca.effects.effect import Model
+from cnca.effects.effect import Effect, Model
 from cnca.effects.plan import Demand, EffectPlan
-from cnca.effects.prices import Prices, fit
+from cnca.effects.prices import SHIPPED, Prices, fit, shipped_prices
 from cnca.jobs.accuracy.fidelity import (
     Pixels,
     squared_bias,
@@ -140,15 +140,18 @@ def demand(samples: int, **forced: Model) -> Demand:
     return Demand(reference=True, forced={"samples": samples, **forced})
 
 
-def measure(case: Case) -> dict[str, Any]:
-    """Errors, noise and processor seconds of all models that the case can tell apart."""
+def measure(case: Case, only: str | None = None) -> dict[str, Any]:
+    """Errors, noise and processor seconds of all models that the case can tell apart.
+
+    With the name of an effect, the errors of its models alone.
+    """
     studio = Studio(case)
     full = demand(SAMPLES)
     best = studio.plan(full)
     reference, seconds = studio.halves(full)
     timed = [{"models": dict(best.models), "seconds": seconds}]
     errors, known = {}, {}
-    for effect, model in MODELS:
+    for effect, model in models_of(only):
         lower = demand(SAMPLES, **{effect.name: model})
         if studio.plan(lower)[effect.name] == best[effect.name]:
             continue
@@ -162,9 +165,18 @@ def measure(case: Case) -> dict[str, Any]:
         "features": best.subject.features(),
         "known": known,
         "errors": errors,
-        "noise": measure_noise(studio),
-        "timed": timed,
+        "noise": measure_noise(studio) if only is None else [],
+        "timed": timed if only is None else [],
     }
+
+
+def models_of(only: str | None) -> list[tuple[Effect, Model]]:
+    """What is priced, of all effects or of one; raises CncaError for one without prices."""
+    priced = sorted({effect.name for effect, _ in MODELS})
+    if only is not None and only not in priced:
+        hint = did_you_mean(only, priced)
+        raise CncaError(f"--only {only}: effects with prices are {', '.join(priced)}{hint}")
+    return [(effect, model) for effect, model in MODELS if only in (None, effect.name)]
 
 
 def measure_noise(studio: Studio) -> list[dict[str, Any]]:
@@ -182,16 +194,22 @@ def measure_noise(studio: Studio) -> list[dict[str, Any]]:
     return rows
 
 
-def fit_prices(records: list[dict[str, Any]]) -> Prices:
-    """Prices that explain what :func:`measure` found in many cases."""
+def fit_prices(records: list[dict[str, Any]], only: str | None = None) -> Prices:
+    """Prices that explain what :func:`measure` found in many cases.
+
+    Of one effect alone, they stand beside all others of the list that ships.
+    """
     errors = {}
-    for effect, model in MODELS:
+    for effect, model in models_of(only):
         key = effect.key(model)
         known = [r for r in records if key in r["errors"]]
         if not known:
             raise RunError(f"{len(records)} scenes: none of them shows {key}; take more scenes")
         values = [r["errors"][key] / r["known"][key] for r in known]
         errors[key] = fit([r["features"] for r in known], values)
+    if only is not None:
+        shipped = shipped_prices()
+        return replace(shipped, errors={**shipped.errors, **errors})
     rows = [row for record in records for row in record["noise"]]
     noise = fit([row["features"] for row in rows], [row["noise"] for row in rows])
     return Prices(errors, noise, _fit_seconds(records))
@@ -211,26 +229,32 @@ def _fit_seconds(records: list[dict[str, Any]]) -> dict[str, float]:
     return {part: round(float(s), 5) for part, s in zip(parts, solution, strict=True)}
 
 
-def calibrate(out: Path, *, scenes: int, seed: int, console: Console) -> Path:
+def calibrate(
+    out: Path, *, scenes: int, seed: int, console: Console, only: str | None = None
+) -> Path:
     """Measure random cases, write ``out/prices.json`` and return its path.
 
+    ``only`` names an effect whose prices are measured beside the shipped ones of the others.
     Cases that ``out`` holds already are not measured again.
     """
-    RunFolder(out, "calibrate").claim({"seed": seed}, {}, resume=True)
+    models_of(only)  # a wrong name is refused before anything is written
+    RunFolder(out, "calibrate").claim({"seed": seed, "only": only}, {}, resume=True)
     records = []
     with bar(console) as progress:
         for index in progress.track(range(scenes), description="scenes"):
             path = out / f"case_{seed}_{index}.json"
             if not path.exists():
-                write_json(path, measure(random_case(seed + index)))
+                write_json(path, measure(random_case(seed + index), only))
             records.append(json.loads(path.read_text(encoding="utf-8")))
     made = f"cnca calibrate --scenes {scenes} --seed {seed}"
+    if only is not None:
+        made = f"{json.loads(SHIPPED.read_text())['made_by']}; {made} --only {only}"
     content: dict[str, Any] = {
         "made_by": made,
         "pixels": [SIZE, LARGE],
         "samples": [SAMPLES, SAMPLES],
     }
-    content |= {"versions": versions(), "prices": fit_prices(records).as_json()}
+    content |= {"versions": versions(), "prices": fit_prices(records, only).as_json()}
     write_json(out / "prices.json", content)
     return out / "prices.json"
 

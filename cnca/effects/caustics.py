@@ -1,0 +1,44 @@
+"""Caustics: the sun, focused by lacquer and chrome onto matt surfaces."""
+
+from __future__ import annotations
+
+import math
+
+from cnca.effects.effect import Effect, Model, left_out
+from cnca.effects.subject import Subject
+
+BOUNDS: dict[str, float | None] = {"off": 1 / math.pi, "regularised": 1.0, "kept": None}
+"""Model → the most that a surface which is not seen directly, nor in a mirror, reflects of the sun
+towards a point (BSDF times cosine, in 1/sr); white matt card reflects 1/π."""
+
+
+class CausticsEffect(Effect):
+    """Sunlight that reaches a matt surface by way of a glossy one.
+
+    Paths start at the camera, so they find the sun's image in a lacquer by chance: rarely, and very
+    bright then.  These are the specks of sunny pictures.  Bounding what such a path may find (the
+    idea of path-space regularization: Kaplanyan & Dachsbacher 2013, with a bound in place of a
+    wider lobe) takes them away, with the part of the caustic that is brighter than the bound.
+    """
+
+    name = "caustics"
+    models = tuple(BOUNDS)
+    usual = "regularised"
+    priced = ("regularised",)
+
+    def present(self, subject: Subject) -> tuple[Model, ...]:
+        """None without a sun."""
+        return self.models if subject.has_sun else self.models[:1]
+
+    def work(self, model: Model) -> dict[str, float]:
+        """One comparison at each reflection: its time is part of the rays'."""
+        return {}
+
+    def why(self, model: Model, subject: Subject, error: float) -> str:
+        """How much of them is there."""
+        if not subject.has_sun:
+            return "no sun that could be focused"
+        if model == "kept":
+            return "all of them, with the specks of those that few paths find"
+        much = "no brighter than white matt card" if model == "off" else "up to a bound"
+        return f"{much}; {left_out(error)}" if error else much
