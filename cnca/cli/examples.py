@@ -50,6 +50,9 @@ EXAMPLES = {
     "survey build": ["survey build --images pictures --out out/survey"],
     "survey serve": ["survey serve out/survey --port 8080"],
     "survey score": ["survey score out/survey"],
+    "check-world": [
+        "check-world town.obj --scale 0.0254",
+    ],
     "check-vehicle": [
         "check-vehicle my_car.glb --out out/check",
         "check-vehicle my_car.obj --up z --front -y --scale 0.01 --json",

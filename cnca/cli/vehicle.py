@@ -63,6 +63,27 @@ def check_vehicle(
     raise typer.Exit(0 if report.usable else 1)
 
 
+@app.command("check-world", rich_help_panel=VEHICLES)
+def check_world(
+    mesh: Annotated[Path, typer.Argument(help="OBJ, PLY, glTF or GLB file of a world.")],
+    up: Annotated[str | None, typer.Option(help="Its upward axis; y for glTF, else z.")] = None,
+    scale: Annotated[float, typer.Option(help="Metres per unit.")] = 1.0,
+) -> None:
+    """Say what stands between a world's file and a vehicle in it, and which keys mend it.
+
+    Exit code 0 if a vehicle can stand in it, 1 if it cannot.
+    """
+    import json
+
+    from cnca.world.checkup import check_world
+
+    report = check_world(mesh, up=up, scale=scale)
+    for finding in report.findings:
+        typer.echo(finding)
+    typer.echo(f"scene: world: {json.dumps(report.section)}")
+    raise typer.Exit(0 if report.usable else 1)
+
+
 @app.command("reorder-uv", rich_help_panel=VEHICLES)
 @takes(Source)
 def reorder_uv(

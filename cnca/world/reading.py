@@ -11,7 +11,7 @@ import trimesh
 from cnca.core.errors import MeshError, did_you_mean
 from cnca.vehicle.mesh.mesh_file import EXTENSIONS
 
-NEARBY = 2
+NEARBY = 1
 """Folders above the file's own in which a picture may lie that is not where the file says."""
 
 
