@@ -46,6 +46,8 @@ SAMPLES = 256
 """Rays per pixel of each of their halves."""
 NOISE_SAMPLES = (4, 16, 64)
 """Rays per pixel at which noise is measured, fewest first."""
+LEAST_ERROR = 1e-5
+"""Stands for an error of exactly 0, which has no logarithm: pictures that are the same."""
 VEHICLES = ("sedan", "hatchback", "suv", "van", "pickup")
 
 
@@ -205,7 +207,7 @@ def fit_prices(records: list[dict[str, Any]], only: str | None = None) -> Prices
         known = [r for r in records if key in r["errors"]]
         if not known:
             raise RunError(f"{len(records)} scenes: none of them shows {key}; take more scenes")
-        values = [r["errors"][key] / r["known"][key] for r in known]
+        values = [max(r["errors"][key], LEAST_ERROR) / r["known"][key] for r in known]
         errors[key] = fit([r["features"] for r in known], values)
     if only is not None:
         shipped = shipped_prices()
