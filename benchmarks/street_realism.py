@@ -19,6 +19,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -35,7 +36,7 @@ from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
 from cnca.mi_bridge.world_shapes import make_mesh
-from cnca.scene.cameras import View
+from cnca.scene.cameras import Spot, View
 from cnca.scene.carla import read_carla_frame
 from cnca.scene.protocols import Detector
 from cnca.scene.schema import CarlaCamera, WorldSection, load_scene
@@ -90,7 +91,7 @@ def main() -> None:
     options = parser.parse_args()
     detector = build.build_detector(options.detector)
     if options.etron:
-        print(json.dumps(own_paint(options, detector)))
+        own_paint(options, detector)
         return
     for name in options.world or BUILTIN_WORLDS:
         count = Count()
@@ -119,9 +120,12 @@ def look_ahead(
     chosen = np.linspace(0, len(world.places) - 1, options.places).astype(int)
     for place in chosen:
         around = world.around(world.places[place])
-        vehicle = build_sedan()
         renderer = MitsubaRenderer(
-            vehicle, texture_size=2, samples=options.spp, exposure=0.75, world=around
+            build_sedan(),
+            texture_size=2,
+            samples=options.spp,
+            exposure=0.75,
+            worlds=partial(_same, around),
         )
         view = View("ahead", (2.6, 0.0, 1.5), (12.0, 0.0, 1.2), (0.0, 0.0, 1.0), 80.0, **SIZE)
         with torch.no_grad():
@@ -136,6 +140,10 @@ def look_ahead(
             for box in visible[wide].round().int().tolist():
                 cv2.rectangle(drawn, tuple(box[:2]), tuple(box[2:]), (255, 255, 0), 1)
             write_png(options.pictures / f"{name}_{seed}_{place}.png", drawn)
+
+
+def _same(world: World, _spot: Spot) -> World:
+    return world
 
 
 def vehicle_reports(detector: Detector, image: torch.Tensor) -> Detections:
@@ -198,15 +206,14 @@ def frames(options: argparse.Namespace, detector: Detector) -> Count:
     return count
 
 
-def own_paint(options: argparse.Namespace, detector: Detector) -> dict[str, list[float]]:
-    """Scores of the scene's vehicle: frames, plane, and the street of one seed after another."""
+def own_paint(options: argparse.Namespace, detector: Detector) -> None:
+    """Print the scores of the scene's vehicle: in the frames, on the plane, in each street."""
     scene = load_scene(options.etron)
     vehicle, views = build.build_vehicle(scene), build.build_views(scene)
     albedo = build.build_paint(scene, vehicle).apply()
     label = build.vehicle_label(detector.class_names)
     files = [camera.carla for camera in scene.cameras if isinstance(camera, CarlaCamera)]
     photographs = np.stack([read_carla_frame(scene.base / file).image for file in files])
-    rows: dict[str, list[float]] = {}
     for seed in range(-1, options.seeds):
         section = WorldSection(file="builtin:street", seed=seed) if seed >= 0 else None
         placed = scene.model_copy(update={"world": section})
@@ -214,16 +221,15 @@ def own_paint(options: argparse.Namespace, detector: Detector) -> dict[str, list
         boxes = renderer.vehicle_boxes(views)
         if seed < 0:
             images = torch.from_numpy(photographs).permute(0, 3, 1, 2).contiguous()
-            rows["frames"] = scores(detector, images, boxes, label)
+            print(json.dumps({"frames": scores(detector, images, boxes, label)}))
         with torch.no_grad():
             linear = [renderer.render(albedo, [v], scene.weather(), seed=0) for v in views]
         images = linear_to_srgb(torch.cat(linear))
         name = f"street {seed}" if seed >= 0 else "plane"
-        rows[name] = scores(detector, images, boxes, label)
+        print(json.dumps({name: scores(detector, images, boxes, label)}), flush=True)
         if options.pictures:
             for view, picture in zip(views, as_pictures(images), strict=True):
                 write_png(options.pictures / f"{name.replace(' ', '_')}_{view.name}.png", picture)
-    return rows
 
 
 def scores(detector: Detector, images: SrgbImages, boxes: Boxes, label: int) -> list[float]:

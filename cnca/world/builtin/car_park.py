@@ -59,7 +59,7 @@ def _row(site: Site, rng: np.random.Generator, pose: Pose, *, usual: bool) -> No
         site.add("marking", bar(rng, float(x), (near, far - 0.1), 0.1), pose)
     site.add("marking", line(rng, (-HALF, HALF), far - 0.1, 0.1), pose)
     for x in np.arange(-HALF, HALF - 0.1, WIDE) + WIDE / 2:
-        if (usual and abs(x) < FREE) or rng.random() > 0.27:
+        if (usual and abs(x) < FREE) or rng.random() > 0.24:
             continue
         turn = 90.0 if rng.random() < 0.6 else -90.0
         middle = (near + far) / 2 + rng.normal(0, 0.12)

@@ -160,9 +160,9 @@ def _trees(
         if abs(x) > 19.0:
             _plant(site, rng, course, terrain, x, side * float(rng.uniform(9.0, 13.0)))
         x += float(rng.uniform(9.0, 26.0))
-    for _ in range(5):
+    for _ in range(4):
         middle, deep = float(rng.uniform(-200, 200)), float(rng.uniform(55.0, 110.0))
-        for _ in range(13):
+        for _ in range(11):
             at, away = middle + rng.normal(0, 13.0), deep + abs(rng.normal(0, 9.0))
             _plant(site, rng, course, terrain, float(at), side * float(away))
     for end in (-REACH - 6.0, REACH + 6.0):

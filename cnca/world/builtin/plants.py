@@ -57,7 +57,7 @@ def grown(kind: int, *, near: bool) -> dict[str, Mesh]:
     t = np.linspace(0, 1, 6)[:, None]
     path = t * [[*rng.normal(0, 0.15, 2), 0.75 * height]]
     wood = [tube(path, np.linspace(0.19, 0.07, 6) + 0.07 * (np.arange(6) == 0), 9)]
-    blobs, tufts, size, rings = (19, 160, 0.36, 4) if near else (11, 46, 0.80, 3)
+    blobs, tufts, size, rings = (19, 160, 0.36, 4) if near else (11, 72, 0.58, 3)
     leaves, cores = [], []
     for number in range(blobs):
         level = (number + rng.uniform()) / blobs
