@@ -1,8 +1,18 @@
-"""A real browser for the tests of pages; they skip where the machine has none."""
+"""Types and shapes are checked in every test; a real browser for the tests of pages, if any."""
 
 import shutil
 
+import jaxtyping
 import pytest
+
+from tests import type_checks
+
+CHECKED = ("core", "scene", "world", "effects", "efr", "detect", "attack", "judge", "report")
+"""Rooms whose shapes are checked."""
+
+# Before anything of cnca is imported: beartype checks each call, jaxtyping the shapes in it.
+rooms = [f"cnca.{room}" for room in CHECKED]
+jaxtyping.install_import_hook(rooms, f"{type_checks.__name__}.check")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

@@ -9,11 +9,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from cnca.core.boxes import cxcywh_to_xyxy
-from cnca.core.types import Candidates
+from cnca.core.types import Boxes, Candidates
 from cnca.detect.classes import COCO, COCO91
 from cnca.detect.onnx_options import Options
 
-Rows = Float[Tensor, "batch candidates values"]
+Rows = Float[Tensor, "batch candidates _"]
 Cells = Float[Tensor, "cells 3"]
 """Column, row and stride in pixels."""
 Size = tuple[int, int]
@@ -67,8 +67,8 @@ def are_parts(boxes: Rows) -> bool:
 
 
 def corners_in_pixels(
-    boxes: Rows, size: Size, say: Options, *, xyxy: bool, parts: bool = False
-) -> Rows:
+    boxes: Boxes, size: Size, say: Options, *, xyxy: bool, parts: bool = False
+) -> Boxes:
     """xyxy in pixels of the input; what the user says of notation and unit wins."""
     if (say.units or ("picture" if parts else "pixels")) == "picture":
         boxes = boxes * boxes.new_tensor((size[1], size[0]) * 2)

@@ -45,7 +45,7 @@ def initial(
     return spread * torch.randn(shape, generator=generator) if spread else torch.zeros(shape)
 
 
-def project(feature: Feature, tau: float) -> Feature:
+def project(feature: Float[Tensor, "*shape"], tau: float) -> Float[Tensor, "*shape"]:
     """κ of the paper's equation 13: clip every element to [−τ, τ]; τ = ∞ changes nothing.
 
     Raises :class:`GeneratorError` where τ is negative or NaN, or where F_adv is not finite

@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-Noises = Float[Tensor, "draws channels height width"]
+Noises = Float[Tensor, "draws channels rows columns"]
 """x_T first, then the noise of each step in the order of sampling."""
 
 POOLS = (2, 4, 8)

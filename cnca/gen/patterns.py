@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from cnca.gen.palettes import Palette
 
@@ -266,7 +266,9 @@ def _edge(signed: Field, cell: float) -> Field:
     return np.clip(signed * cell + 0.5, 0.0, 1.0)
 
 
-def _blend(weight: Field, below: np.ndarray, above: np.ndarray) -> Picture:
+def _blend(
+    weight: Field | Bool[np.ndarray, "256 256"], below: np.ndarray, above: np.ndarray
+) -> Picture:
     """``above`` where ``weight`` is 1, ``below`` where it is 0."""
     w = np.asarray(weight, np.float32)[..., None]
     return ((1.0 - w) * below + w * above).astype(np.float32)

@@ -76,7 +76,7 @@ class BagScorer(nn.Module):
         self.log_scale = nn.Parameter(torch.tensor(2.5))
         """Logarithm of what cosines are multiplied by in the loss."""
 
-    def see_pictures(self, pictures: SrgbImages) -> Float[Tensor, "pictures width"]:
+    def see_pictures(self, pictures: SrgbImages) -> Float[Tensor, "pictures features"]:
         """Unit features of pictures of any size."""
         small = F.interpolate(pictures, (SIDE, SIDE), mode="bilinear", antialias=True)
         maps = self.look(2.0 * small - 1.0).flatten(2)

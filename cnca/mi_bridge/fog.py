@@ -135,7 +135,7 @@ class _Layer:
         heights: Float[np.ndarray, " levels"],
         directions: Float[np.ndarray, "n 3"],
         weights: Float[np.ndarray, " n"],
-        ground_albedo: Float[np.ndarray, "3"],
+        ground_albedo: float | Float[np.ndarray, "3"],
     ) -> None:
         self.mu = np.abs(directions[:, 2])
         self.looks_up = directions[:, 2] > 0  # and sees light that travels down
@@ -171,11 +171,11 @@ class _Layer:
 
     def radiance(
         self,
-        source: Float[np.ndarray, "levels n 3"],
-        added: Float[np.ndarray, "steps n 3"] | None = None,
-        sky: Float[np.ndarray, "n 3"] | None = None,
+        source: Float[np.ndarray, "levels n channels"],
+        added: Float[np.ndarray, "steps n channels"] | None = None,
+        sky: Float[np.ndarray, "n channels"] | None = None,
         ground_sun: Float[np.ndarray, "3"] | float = 0.0,
-    ) -> Float[np.ndarray, "levels n 3"]:
+    ) -> Float[np.ndarray, "levels n channels"]:
         """Radiance at all levels; ``added`` is what each step gains besides ``source``."""
         radiance = np.zeros_like(source)
         added = np.zeros_like(source[1:]) if added is None else added

@@ -100,7 +100,7 @@ class NoisyTextureGenerator(TextureGenerator, Protocol):
         adversarial_feature: Float[Tensor, "extra width"] | None,
         generator: torch.Generator,
         *,
-        noises: Float[Tensor, "draws channels height width"] | None = None,
+        noises: Float[Tensor, "draws channels rows columns"] | None = None,
         together: bool = False,
     ) -> SrgbTexture:
         """Return the texture; differentiable in ``noises``, from which nothing is then drawn."""

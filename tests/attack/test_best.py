@@ -68,7 +68,7 @@ def test_checks_come_every_so_many_steps_and_at_the_end():
 
 def test_a_check_that_brings_no_number_is_told():
     with pytest.raises(NonFiniteError, match="check after step 3: the loss is not finite"):
-        Best().offer(Latents(torch.zeros(2)), float("nan"), 3)
+        Best().offer(Latents(torch.zeros(1, 2)), float("nan"), 3)
 
 
 @pytest.mark.parametrize("stop_after", [1, 2, 4])

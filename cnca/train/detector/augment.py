@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-Picture = UInt8[np.ndarray, "height width 3"]
-BoxArray = Float[np.ndarray, "objects 4"]
+Picture = UInt8[np.ndarray, "_ _ 3"]
+BoxArray = Float[np.ndarray, "_ 4"]
 
 ZOOM = (0.6, 1.5)
 SHIFT = 0.2

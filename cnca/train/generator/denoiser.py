@@ -54,7 +54,7 @@ class ImagePrompt(nn.Module):
         self.register_buffer("rotation", scale * orthonormal)
 
     def forward(
-        self, latents: Float[Tensor, "batch 4 height width"]
+        self, latents: Float[Tensor, "batch 4 rows columns"]
     ) -> Float[Tensor, "batch 77 width"]:
         """Return tokens in [−1, 1]."""
         rows, columns = GRID
@@ -78,7 +78,7 @@ class Denoiser(nn.Module):
 
     def velocity_error(
         self,
-        clean: Float[Tensor, "batch 4 height width"],
+        clean: Float[Tensor, "batch 4 rows columns"],
         text: Float[Tensor, "batch 77 width"] | None,
         rng: torch.Generator,
     ) -> Tensor:

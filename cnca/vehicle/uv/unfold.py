@@ -156,7 +156,7 @@ def _attach(
     chosen: Bool[np.ndarray, " faces"],
     index: int,
     shear: float,
-) -> Corners2:
+) -> Float[np.ndarray, "chosen 3 2"]:
     """Shift the chart of side ``index``, a little sheared, to continue the top where both meet.
 
     Where they meet on the car is seen from corners less than :data:`MEET` apart.  The shift is a
@@ -205,7 +205,7 @@ def _smooth(
     return limited + np.average(means - limited, weights=given)
 
 
-def _covered(placed: Corners2, flat: Corners2) -> Bool[np.ndarray, " faces"]:
+def _covered(placed: Float[np.ndarray, "placed 3 2"], flat: Corners2) -> Bool[np.ndarray, " faces"]:
     """Which faces lie, in part, on charts that were placed before."""
     low = np.minimum(placed.min(axis=(0, 1)), flat.min(axis=(0, 1))) - 2 * CELL
     size = np.maximum(placed.max(axis=(0, 1)), flat.max(axis=(0, 1))) - low
