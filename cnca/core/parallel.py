@@ -109,7 +109,7 @@ def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
         return work(slice(None))
     own = rank() % pieces
     alike = len(range(own, count(), pieces))
-    part = work(slice(own, own + 1)) / alike  # of what all who do the same piece bring
+    part = work(slice(own, own + 1)) / alike  # as many processes add the same piece
     before, after = (part.new_zeros(k, *part.shape[1:]) for k in (own, pieces - own - 1))
     return _Sum.apply(torch.cat([before, part, after]))
 

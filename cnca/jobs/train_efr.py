@@ -213,7 +213,9 @@ def _frames(
     """CARLA's photographs, and renders of the same poses."""
     sources = sorted(folder.glob("*.npz"))
     if len(sources) < 2:
-        raise RunError(f"{folder}: {len(sources)} .npz frames; one to train and one to test it is")
+        raise RunError(
+            f"{folder}: {len(sources)} .npz frames; give two or more, for training and test"
+        )
     scene = load_scene(scene_file)
     studio, shots = Studio(scene, backend, samples), []
     with bar(console) as shown:

@@ -81,7 +81,7 @@ def draw_spots(scene: Scene, *, seed: int) -> list[Spot]:
 def in_blocks(drawn: Sequence[Drawn], count: int) -> list[Sequence[Drawn]]:
     """Divide what was drawn into ``count`` blocks of neighbours, each spread as evenly as can be.
 
-    Taking every so-manieth instead would give points that share their leading binary digits: with
+    Taking every n-th instead would give points that share their leading binary digits: with
     16 blocks, views from a sixteenth of the circle each.
     """
     ends = [len(drawn) * k // count for k in range(count + 1)]
