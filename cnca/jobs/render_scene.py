@@ -34,13 +34,13 @@ def render_scene(request: RenderRequest) -> list[dict[str, Any]]:
         (xyxy in pixels), versions, and SHA-256 of all files that were read.
     """
     out, texture, seed = request.out, request.texture, request.seed
+    demand = _demand(request)  # first, since what is misspelt there is refused at once
     scene = load_scene(request.scene)
     views = build.choose_views(scene, request.view, every=request.all_views)
     vehicle = build.build_vehicle(scene)
     painted = build.build_paint(scene, vehicle).apply(
         build.read_texture(texture) if texture else None
     )
-    demand = _demand(request)
     renderer = build.build_renderer(scene, vehicle, demand=demand)
     inputs = hashes([*build.scene_files(scene, request.scene), *([texture] if texture else [])])
     records = []

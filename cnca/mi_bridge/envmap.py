@@ -7,7 +7,6 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import uniform_filter
 
 from cnca.mi_bridge.latlong import direction_uv, wrap_columns
 from cnca.mi_bridge.variant import dr, mi
@@ -158,6 +157,8 @@ def importance_table(sky: EnvironmentMap) -> DirectionTable:
     """Directions by how bright they are."""
     # Interpolation spreads a bright texel over its neighbours.
     luminance = _reduced(sky.turned.environment.radiance @ LUMINANCE)
+    from scipy.ndimage import uniform_filter  # slow to import, and needed for such maps alone
+
     luminance = uniform_filter(luminance, 3, mode=("nearest", "wrap"))
     return DirectionTable(luminance * sky_solid_angles(*luminance.shape), sky.rotation)
 
