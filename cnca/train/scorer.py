@@ -99,14 +99,14 @@ def contrastive_loss(scorer: BagScorer, pictures: SrgbImages, captions: Sequence
     return (F.cross_entropy(logits, wanted) + F.cross_entropy(logits.T, wanted)) / 2
 
 
-def varied(pictures: SrgbImages, generator: torch.Generator) -> SrgbImages:
+def varied(pictures: SrgbImages, rng: torch.Generator) -> SrgbImages:
     """Mirrored and shifted around at random, half of them blurred as a generator's are."""
-    flips = torch.rand(len(pictures), 1, 1, 1, generator=generator) < 0.5
+    flips = torch.rand(len(pictures), 1, 1, 1, generator=rng) < 0.5
     pictures = SrgbImages(torch.where(flips, pictures.flip(3), pictures))
-    shift = torch.randint(pictures.shape[-1], (2,), generator=generator).tolist()
+    shift = torch.randint(pictures.shape[-1], (2,), generator=rng).tolist()
     pictures = SrgbImages(pictures.roll(shift, dims=(2, 3)))
     blurred = F.avg_pool2d(F.pad(pictures, (1, 1, 1, 1), mode="reflect"), 3, stride=1)
-    soft = torch.rand(len(pictures), 1, 1, 1, generator=generator) < 0.5
+    soft = torch.rand(len(pictures), 1, 1, 1, generator=rng) < 0.5
     return SrgbImages(torch.where(soft, blurred, pictures))
 
 

@@ -32,8 +32,8 @@ def measure(
     report = {"all": _summary(detections, truths, label)}
     for group in sorted(set(groups)):
         pairs = zip(detections, truths, groups, strict=True)
-        own = [(found, truth) for found, truth, name in pairs if name == group]
-        report[group] = _summary([f for f, _ in own], [t for _, t in own], label)
+        members = [(found, truth) for found, truth, name in pairs if name == group]
+        report[group] = _summary([f for f, _ in members], [t for _, t in members], label)
     return report
 
 

@@ -51,8 +51,8 @@ def aligned_loss(
     wanted = torch.zeros_like(logits)
     box_loss = boxes.new_zeros(())
     for image in targets.images.unique().tolist():
-        own = targets.images == image
-        objects, labels = targets.boxes[own], targets.labels[own]
+        in_image = targets.images == image
+        objects, labels = targets.boxes[in_image], targets.labels[in_image]
         scores = logits[image].detach().sigmoid()[:, labels]
         cell, which, quality = assign(boxes[image].detach(), scores, places, objects)
         wanted[image, cell, labels[which]] = quality

@@ -19,14 +19,14 @@ def shape_iou(first: Sizes, second: Float[Tensor, "others 2"]) -> Float[Tensor, 
 
 
 def cluster_anchors(
-    sizes: Sizes, count: int, generator: torch.Generator, *, rounds: int = 50
+    sizes: Sizes, count: int, rng: torch.Generator, *, rounds: int = 50
 ) -> Float[Tensor, "count 2"]:
     """Return ``count`` typical widths and heights, smallest area first.
 
     k-means under the distance 1 − IoU, begun at random boxes; a cluster that loses all its boxes
     stays where it was.
     """
-    pick = torch.randperm(len(sizes), generator=generator)[torch.arange(count) % len(sizes)]
+    pick = torch.randperm(len(sizes), generator=rng)[torch.arange(count) % len(sizes)]
     centres = sizes[pick].clone()
     for _ in range(rounds):
         nearest = shape_iou(sizes, centres).argmax(dim=1)

@@ -22,26 +22,26 @@ GREY = (128, 128, 128)
 
 
 def augment(
-    picture: Picture, boxes: BoxArray, size: tuple[int, int], random: np.random.Generator
+    picture: Picture, boxes: BoxArray, size: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Picture, BoxArray, np.ndarray]:
     """Return a picture of ``size`` (height, width), its boxes and which of ``boxes`` they are."""
-    picture, boxes, kept = _move(picture, boxes, size, random)
-    picture = _recolour(picture, random)
-    if random.random() < BLUR_CHANCE:
-        picture = cv2.GaussianBlur(picture, (0, 0), random.uniform(0.4, 1.5))
-    if random.random() < NOISE_CHANCE:
-        noise = random.normal(0, random.uniform(2, 10), picture.shape).astype(np.float32)
+    picture, boxes, kept = _move(picture, boxes, size, rng)
+    picture = _recolor(picture, rng)
+    if rng.random() < BLUR_CHANCE:
+        picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.5))
+    if rng.random() < NOISE_CHANCE:
+        noise = rng.normal(0, rng.uniform(2, 10), picture.shape).astype(np.float32)
         picture = np.clip(picture + noise, 0, 255).astype(np.uint8)
     return picture, boxes, kept
 
 
 def _move(
-    picture: Picture, boxes: BoxArray, size: tuple[int, int], random: np.random.Generator
+    picture: Picture, boxes: BoxArray, size: tuple[int, int], rng: np.random.Generator
 ) -> tuple[Picture, BoxArray, np.ndarray]:
     """Zoom, shift and mirror; objects that leave the picture are dropped."""
-    zoom = float(np.exp(random.uniform(*np.log(ZOOM))))
-    shift = tuple(random.uniform(-SHIFT, SHIFT, 2))
-    matrix = _placement(picture.shape, size, zoom, shift, mirrored=random.random() < 0.5)
+    zoom = float(np.exp(rng.uniform(*np.log(ZOOM))))
+    shift = tuple(rng.uniform(-SHIFT, SHIFT, 2))
+    matrix = _placement(picture.shape, size, zoom, shift, mirrored=rng.random() < 0.5)
     moved = _warp_boxes(boxes, matrix)
     inside = np.clip(moved, 0, [size[1], size[0], size[1], size[0]])
     kept = _areas(inside) >= SMALLEST_REMAINDER * np.maximum(_areas(moved), 1.0)
@@ -80,15 +80,15 @@ def _warp_boxes(boxes: BoxArray, matrix: np.ndarray) -> BoxArray:
     return np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)
 
 
-def _recolour(picture: Picture, random: np.random.Generator) -> Picture:
+def _recolor(picture: Picture, rng: np.random.Generator) -> Picture:
     """Brightness, contrast and tint as one table per channel; sometimes grey."""
     levels = np.linspace(0, 1, 256)[:, None]
-    contrast = np.exp(random.uniform(-CONTRAST, CONTRAST))
-    tint = np.exp(random.uniform(-TINT, TINT, 3))
-    table = ((levels - 0.5) * contrast + 0.5 + random.uniform(-BRIGHTNESS, BRIGHTNESS)) * tint
+    contrast = np.exp(rng.uniform(-CONTRAST, CONTRAST))
+    tint = np.exp(rng.uniform(-TINT, TINT, 3))
+    table = ((levels - 0.5) * contrast + 0.5 + rng.uniform(-BRIGHTNESS, BRIGHTNESS)) * tint
     table = (np.clip(table, 0, 1) * 255).round().astype(np.uint8)
     picture = cv2.LUT(picture, table[None])
-    if random.random() < GREY_CHANCE:
+    if rng.random() < GREY_CHANCE:
         picture = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
     return picture
 

@@ -103,8 +103,8 @@ def write_config(data: LabelledPictures, template: Path, config: Path, seed: int
     text = template.read_text(encoding="utf-8")
     count = sum(len(head.anchors) for head in heads if isinstance(head, YoloHead))
     if count:
-        generator = torch.Generator().manual_seed(seed)
-        text = write_anchors(text, cluster_anchors(_sizes(data, parsed.size), count, generator))
+        rng = torch.Generator().manual_seed(seed)
+        text = write_anchors(text, cluster_anchors(_sizes(data, parsed.size), count, rng))
     write_text(config, text)
     write_text(config.with_suffix(".names"), "\n".join(data.class_names) + "\n")
 

@@ -89,10 +89,10 @@ class TrainingPictures(Dataset[Any]):
     def __getitem__(self, item: int) -> tuple[UInt8[np.ndarray, "height width 3"], np.ndarray]:
         """A picture and its boxes (objects, 5), the class last."""
         index = self.indices[item]
-        random = np.random.default_rng((self.seed, self.epoch, index))
+        rng = np.random.default_rng((self.seed, self.epoch, index))
         labels = self.data.boxes[index]
         picture, boxes, kept = augment(
-            np.asarray(self.data.pictures[index]), labels[:, :4], self.size, random
+            np.asarray(self.data.pictures[index]), labels[:, :4], self.size, rng
         )
         return picture, np.concatenate([boxes, labels[kept, 4:]], axis=1)
 

@@ -43,7 +43,7 @@ PLAIN_PAINTS = (
     (0.92, 0.92, 0.92), (0.78, 0.79, 0.80), (0.45, 0.46, 0.48), (0.06, 0.06, 0.07),
     (0.60, 0.05, 0.06), (0.08, 0.16, 0.45), (0.05, 0.25, 0.16), (0.78, 0.70, 0.55),
 )  # fmt: skip
-"""sRGB colours in which most cars are sold."""
+"""sRGB colors in which most cars are sold."""
 
 
 @dataclass(frozen=True)

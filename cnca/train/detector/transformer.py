@@ -73,8 +73,8 @@ class TrainableTransformer(TrainableDetector):
         scale = targets.boxes.new_tensor(self.size[::-1] * 2)
         boxes = xyxy_to_cxcywh(targets.boxes) / scale
         labels = [
-            {"class_labels": targets.labels[own], "boxes": boxes[own]}
-            for own in (targets.images == image for image in range(len(images)))
+            {"class_labels": targets.labels[in_image], "boxes": boxes[in_image]}
+            for in_image in (targets.images == image for image in range(len(images)))
         ]
         with backbone_in_bfloat16(self.network, images, bfloat16):
             found = self.network(pixel_values=images, labels=labels)

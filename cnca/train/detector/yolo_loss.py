@@ -68,8 +68,8 @@ def yolo_loss(
     losses = []
     first = 0
     for head, values in zip(heads, raw, strict=True):
-        own = fits[:, first : first + len(head.anchors)]
-        losses.append(_head_loss(head, values, targets, own, size))
+        fits_head = fits[:, first : first + len(head.anchors)]
+        losses.append(_head_loss(head, values, targets, fits_head, size))
         first += len(head.anchors)
     box, objectness, label = (torch.stack(parts).sum() for parts in zip(*losses, strict=True))
     batch = len(raw[0])
