@@ -14,7 +14,7 @@ from cnca.core.errors import RunError
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
 from cnca.jobs.attack.request import Request
 
-DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "colorful camouflage"
+DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "zebra strips"
 
 Tau = Annotated[
     str | None,
@@ -134,24 +134,21 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder of the run.", rich_help_panel=OUTPUT)] = Path(
         "out/demo"
     ),
-    steps: Annotated[int, typer.Option(help="Updates of F_adv.", rich_help_panel=STRENGTH)] = 80,
+    steps: Annotated[
+        int, typer.Option(help="Updates of the noises.", rich_help_panel=STRENGTH)
+    ] = 40,
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
     from cnca.attack.settings import Settings
+    from cnca.jobs.attack.presets import under_preset
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
-    settings = Settings(DEMO_PROMPT, steps=steps, learning_rate=0.05)
-    run_attack(
-        Request(
-            DEMO_SCENE,
-            out,
-            settings,
-            full_overlap=0.5,
-            gradient_steps=10,
-            gradient_checkpointing=False,
-            resume=resume,
-        )
+    settings = Settings(DEMO_PROMPT, steps=steps)
+    request = Request(
+        DEMO_SCENE, out, settings, samples=8, gradient_checkpointing=False, resume=resume
     )
+    request = under_preset(request, but=["minutes", "views_per_step"])
+    run_attack(request)
 
 
 @app.command(rich_help_panel=ATTACK)

@@ -65,7 +65,7 @@ def shuffled(
 
     Squares that are paint throughout change places.  A square that is paint in part shows one of
     these, drawn at random; one without paint stays.  Squares are halved until those within the
-    paint hold at least half of it.  A border that is no whole square stays as it is.
+    paint hold at least a quarter of it.  A border that is no whole square stays as it is.
     """
     painted, result = _painted(texture, mask), texture.clone()
     side = _side(painted, max(1, min(texture.shape[-2:]) // blocks))
@@ -97,7 +97,7 @@ def _shares(painted: Bool[Tensor, "height width"], side: int) -> Float[Tensor, "
 
 
 def _side(painted: Bool[Tensor, "height width"], side: int) -> int:
-    """Texels per side of the squares, halved until those within the paint hold half of it."""
-    while side > 1 and 2 * int((_shares(painted, side) == 1).sum()) * side**2 < painted.sum():
+    """Texels per side of the squares, halved until those within the paint hold a quarter of it."""
+    while side > 1 and 4 * int((_shares(painted, side) == 1).sum()) * side**2 < painted.sum():
         side //= 2
     return side
