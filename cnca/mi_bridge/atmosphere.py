@@ -10,9 +10,11 @@ from jaxtyping import Float
 
 from cnca.mi_bridge.envmap import PhotographedGround
 from cnca.mi_bridge.fog import FogField, solve_fog
+from cnca.mi_bridge.fog_layer import FogLayer
 from cnca.mi_bridge.forward import ForwardShare
-from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
 from cnca.mi_bridge.light import lambertian_white, make_light
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import mi
 from cnca.scene.weather import Weather
 

@@ -14,9 +14,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR, Geometry
-from cnca.mi_bridge.integrator import Surroundings, trace
+from cnca.mi_bridge.integrator import trace
 from cnca.mi_bridge.panes import sees_vehicle
 from cnca.mi_bridge.rays import Cameras, average_samples
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
 
 BACKWARD_SEED = 0x9E3779B9

@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from cnca.mi_bridge.geometry import Geometry
-from cnca.mi_bridge.integrator import Sky, Surroundings, trace
+from cnca.mi_bridge.integrator import trace
 from cnca.mi_bridge.panes import pane_transmittance
 from cnca.mi_bridge.probe import Corners, Kept
 from cnca.mi_bridge.rays import average_samples
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
 
 BOUNCES = 3

@@ -12,11 +12,11 @@ from cnca.effects.caustics import BOUNDS
 from cnca.effects.world import GEOMETRY
 from cnca.mi_bridge.atmosphere import DARKEST, Atmosphere
 from cnca.mi_bridge.geometry import Geometry
-from cnca.mi_bridge.integrator import Surroundings
 from cnca.mi_bridge.light import Light, lambertian_white
 from cnca.mi_bridge.measure_probe import METER, PANORAMA, Resolution, measure
 from cnca.mi_bridge.near_ground import near_ground
 from cnca.mi_bridge.probe import Kept, Probe
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.scene.cameras import Spot, View
 from cnca.world.model import World
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from cnca.mi_bridge.fog import henyey_greenstein, solve_fog
-from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings
+from cnca.mi_bridge.fog_layer import FogLayer
 from cnca.mi_bridge.light import SKY_COLUMNS, SKY_ROWS, Light, make_light
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 from cnca.scene.weather import Fog, Weather

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from cnca.mi_bridge.integrator import Sky
 from cnca.mi_bridge.light import (
     SUN_HALF_ANGLE,
     lambertian_white,
@@ -15,6 +14,7 @@ from cnca.mi_bridge.light import (
     sky_solid_angles,
 )
 from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.sky import Sky
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
 from tests.mi_bridge.conftest import uniform_light

@@ -11,11 +11,12 @@ import torch
 from cnca import build
 from cnca.core.errors import CncaError
 from cnca.effects.plan import Demand
-from cnca.mi_bridge.integrator import Sky, Surroundings
 from cnca.mi_bridge.light import make_light
 from cnca.mi_bridge.panes import MOST_PANES
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import mi
 from cnca.mi_bridge.volpath import lit_by_mitsuba, mitsuba_picture
 from cnca.scene.cameras import View

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cnca.mi_bridge.integrator import Sky, Surroundings, trace
+from cnca.mi_bridge.integrator import trace
 from cnca.mi_bridge.light import SKY_COLUMNS, SKY_ROWS, SUN_HALF_ANGLE, Light
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
 from tests.mi_bridge.tracing import diffuse, sampler_for
 

@@ -10,9 +10,9 @@ import torch
 
 from cnca.core.errors import NonFiniteError, SceneError
 from cnca.effects.plan import Demand
-from cnca.mi_bridge.integrator import Sky
 from cnca.mi_bridge.light import SUN_HALF_ANGLE, make_light, sky_directions
 from cnca.mi_bridge.rays import Cameras
+from cnca.mi_bridge.sky import Sky
 from cnca.mi_bridge.variant import dr, mi
 from cnca.mi_bridge.volpath import (
     PrbVolpath,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from cnca.mi_bridge.fog import solve_fog
+from cnca.mi_bridge.fog_layer import FogLayer
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.geometry import Geometry
-from cnca.mi_bridge.integrator import FogLayer, Sky, Surroundings, trace
+from cnca.mi_bridge.integrator import trace
 from cnca.mi_bridge.light import Light
 from cnca.mi_bridge.rays import Cameras, average_samples
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.weather import Fog
 

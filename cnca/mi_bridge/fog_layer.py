@@ -1,0 +1,118 @@
+"""The fog's light as kernels read it: a transmittance in closed form and a table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cnca.mi_bridge.fog import FogField
+from cnca.mi_bridge.forward import ForwardShare
+from cnca.mi_bridge.latlong import direction_uv, wrap_columns
+from cnca.mi_bridge.opaque import opaque_float, opaque_vector
+from cnca.mi_bridge.sky import Sky
+from cnca.mi_bridge.variant import dr, mi
+from cnca.scene.weather import Fog
+
+
+class FogLayer:
+    """Closed-form transmittance through the layer, and the light that it adds to a ray."""
+
+    def __init__(
+        self, fog: Fog, field: FogField, sky: Sky, forward: ForwardShare | None = None
+    ) -> None:
+        """Without ``forward`` the fog in front of the vehicle scatters as over bare ground.
+
+        A field of one airlight is not looked up.
+        """
+        self.sigma_t = opaque_float(fog.extinction)
+        self.height = opaque_float(fog.height)
+        self.albedo = opaque_float(fog.albedo)
+        self.asymmetry = opaque_float(fog.asymmetry)
+        self.stretch = opaque_float(field.stretch)
+        self.tanh_stretch = opaque_float(np.tanh(field.stretch))
+        self.sky = sky
+        # Below the horizon the sun's slant path is endless and its light zero: keep 1/μ finite.
+        self.inv_mu_sun = dr.rcp(dr.maximum(sky.sun_direction.z, 1e-4))
+        dr.make_opaque(self.inv_mu_sun)
+        self.forward = forward
+        self.covers = forward is not None and fog.height > forward.top
+        self._airlight = None if field.airlight is None else opaque_vector(field.airlight)
+        if self._airlight is not None:
+            return
+        self._levels, _, self._columns, _ = field.source.shape
+        table = field.source
+        if forward is not None:
+            table = np.concatenate([field.source, field.radiance], axis=-1)
+        self._table = mi.Texture3f(wrap_columns(table), wrap_mode=dr.WrapMode.Clamp)
+
+    def sun_transmittance(self, z: mi.Float) -> mi.Float:
+        """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
+        above = dr.clip(self.height - z, 0, self.height)
+        return dr.exp(-self.sigma_t * above * self.inv_mu_sun)
+
+    def sky_transmittance(self, z: mi.Float, d: mi.Vector3f) -> mi.Float:
+        """Share of the sky's light from above along ``d`` that reaches height ``z``."""
+        above = dr.clip(self.height - z, 0, self.height)
+        return dr.exp(-self.sigma_t * above / dr.maximum(d.z, 1e-4))
+
+    def segment(
+        self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
+    ) -> tuple[mi.Float, mi.Color3f]:
+        """Transmittance of a ray up to ``si`` (may be infinitely far) and its in-scattered light.
+
+        The light is ∫ σ_t T(s) J(s) ds, estimated at one distance drawn in proportion to
+        σ_t exp(−σ_t s).  On rays that end on the vehicle T and J are those of
+        :mod:`cnca.mi_bridge.forward`.
+        """
+        start, end = self._interval(ray, si.t)
+        length = dr.select(end > start, end - start, 0)  # ∞ − ∞ for rays that never enter
+        opacity = 1 - dr.exp(-self.sigma_t * length)
+        # Invert the cumulative share of opacity; log1p stays exact for thin fog.
+        s = dr.minimum(-dr.log(1 - sample * opacity) / self.sigma_t, length)
+        z = dr.clip(ray.o.z + (start + s) * ray.d.z, 0, self.height)
+        lit = active & (opacity > 0)
+        J, bare = self._source_function(z, ray.d, lit)
+        if self.forward is None:
+            return 1 - opacity, dr.select(lit, opacity * J, 0)
+        ahead = lit & self.forward.geometry.is_surrounded(si)
+        u = dr.select(ahead, si.t - start, 0)  # distance from the surface at which fog begins
+        f, Φ = self.forward(u - s, ahead)
+        Φ_start = self.forward(u, ahead)[1]
+        # Fog that covers the vehicle reaches up to its surface, where Φ is 0.
+        Φ_end = mi.Float(0) if self.covers else self.forward(u - length, ahead)[1]
+        # Optical depths that forward scattering gives back: up to s, and on the whole ray.
+        back = self.sigma_t * self.albedo
+        regained, regained_all = back * (Φ_start - Φ), back * (Φ_start - Φ_end)
+        J = dr.select(ahead, dr.exp(regained) * (J - self.albedo * f * bare), J)
+        T = dr.exp(dr.select(ahead, regained_all, 0) - self.sigma_t * length)
+        return T, dr.select(lit, opacity * J, 0)
+
+    def _interval(self, ray: mi.Ray3f, distance: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Where the ray is below the layer's top, as a range of distances."""
+        # On the top itself only a ray that goes down is inside.
+        inside = (ray.o.z < self.height) | ((ray.o.z == self.height) & (ray.d.z < 0))
+        crossing = (self.height - ray.o.z) / dr.select(ray.d.z == 0, 1, ray.d.z)
+        crosses = (ray.d.z != 0) & (crossing > 0)
+        start = dr.select(inside, 0, dr.select(crosses, crossing, distance))
+        end = dr.select(inside & crosses, dr.minimum(crossing, distance), distance)
+        return dr.minimum(start, distance), end
+
+    def _source_function(
+        self, z: mi.Float, d: mi.Vector3f, active: mi.Bool
+    ) -> tuple[mi.Color3f, mi.Color3f]:
+        """J and I at height ``z`` seen along ``d`` (I is 0 where no forward share asks for it)."""
+        if self._airlight is not None:
+            return mi.Color3f(self._airlight), mi.Color3f(0)
+        uv = direction_uv(d, self._columns)
+        # The inverse of fog.level_heights.
+        t = dr.atanh((2 * z / self.height - 1) * self.tanh_stretch) / self.stretch
+        level = (1 + t) / 2
+        w = (level * (self._levels - 1) + 0.5) / self._levels
+        values = self._table.eval(mi.Point3f(uv.x, uv.y, w), active)
+        g, to_sun = self.asymmetry, self.sky.sun_direction
+        # 1 + g² − 2g cos without the difference of nearly equal numbers where the lobe is narrow.
+        apart = dr.squared_norm(d - dr.sign(g) * to_sun)
+        spread = dr.square(1 - dr.abs(g)) + dr.abs(g) * apart
+        phase = (1 - g * g) * dr.inv_four_pi / (spread * dr.sqrt(spread))
+        sun = self.albedo * phase * self.sun_transmittance(z)
+        J = mi.Color3f(*values[:3]) + sun * mi.Color3f(self.sky.sun_irradiance)
+        return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
