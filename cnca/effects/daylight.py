@@ -11,12 +11,15 @@ from cnca.effects.subject import Subject
 from cnca.scene.environment import read_environment
 from cnca.scene.weather import Weather
 
-MOST_CONTRAST = 2.0
-"""Up to which rays find a sky by themselves: lamps at night have 40, skies without sun below 1."""
+MOST_CONTRAST = 0.4
+"""Up to which rays find a sky by themselves, and to look for its lights would not pay the time.
+
+Overcast skies have 0.6, those beside a high sun 0.2, lamps at night 40 (``benchmarks/skies.py``).
+"""
 
 
 def contrast(weather: Weather) -> float:
-    """Standard deviation over mean of a measured sky's light on level ground."""
+    """Of a measured sky (:class:`cnca.scene.environment.Environment`); the model's is low."""
     return 0.0 if weather.sky_map is None else read_environment(weather.sky_map).contrast
 
 

@@ -52,7 +52,10 @@ class Environment:
     sun_irradiance: Float[np.ndarray, "3"]
     """On a surface that faces it; zero where there is none."""
     contrast: float
-    """Standard deviation over mean of the sky's light on level ground, ray by ray."""
+    """Of the light on level ground: the sky's standard deviation, ray by ray, over the mean of all.
+
+    The sun, which one ray finds for certain, is part of that mean alone.
+    """
 
     @property
     def has_sun(self) -> bool:
@@ -151,7 +154,8 @@ def split_sun(radiance: Float[np.ndarray, "rows columns 3"]) -> Environment:
         return none
     irradiance = np.linalg.norm(vector, axis=1)
     rest = rest.astype(np.float32)
-    return Environment(rest, direction, irradiance, _contrast(rest @ LUMINANCE))
+    sun = float(LUMINANCE @ irradiance) * direction[2]
+    return Environment(rest, direction, irradiance, _contrast(rest @ LUMINANCE, sun))
 
 
 def _excess(
@@ -181,9 +185,10 @@ def _rival(
     return float((excess * solid_angles).sum())
 
 
-def _contrast(luminance: Float[np.ndarray, "rows columns"]) -> float:
-    """Of the upper half, whose directions rays leave level ground in proportion to their cosine."""
+def _contrast(luminance: Float[np.ndarray, "rows columns"], sun: float = 0.0) -> float:
+    """Rays leave level ground in proportion to their cosine; ``sun`` is its irradiance there."""
     weights = np.broadcast_to(level_weights(*luminance.shape), luminance.shape)
-    mean = np.average(luminance, weights=weights)
-    square = np.average(luminance.astype(np.float64) ** 2, weights=weights)
-    return float(np.sqrt(max(square / mean**2 - 1, 0.0))) if mean > 0 else 0.0
+    mean = float(np.average(luminance, weights=weights))
+    square = float(np.average(luminance.astype(np.float64) ** 2, weights=weights))
+    deviation, whole = np.sqrt(max(square - mean**2, 0.0)), mean + sun / np.pi
+    return float(deviation / whole) if whole > 0 else 0.0
