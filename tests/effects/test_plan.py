@@ -108,7 +108,7 @@ def test_what_the_scene_does_not_have_is_off(demand, weather, effect, model):
     assert row.error == 0
 
 
-@pytest.mark.parametrize(("contrast", "model"), [(0.8, "map"), (40.0, "map_mis")])
+@pytest.mark.parametrize(("contrast", "model"), [(0.2, "map"), (40.0, "map_mis")])
 def test_a_measured_sky_is_sampled_by_brightness_where_its_contrast_asks_for_it(
     monkeypatch, contrast, model
 ):
