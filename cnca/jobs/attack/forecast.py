@@ -26,10 +26,8 @@ from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import assemble
 from cnca.judge.evaluate import Shots, evaluate
 from cnca.judge.held_out import held_out_shots
+from cnca.report import MEANING
 from cnca.scene.schema import load_scene
-
-TEXTURES = 7
-"""That a run is judged in: the camouflage, plain paint and five controls."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +134,13 @@ def _measure_verdict(attack: Attack, request: Request) -> list[Part]:
     return [
         Part("first held-out weather", 1, first),
         Part("other held-out weathers", count - 1, new),
-        Part("the same in other textures", (TEXTURES - 1) * count, known),
+        Part("the same in other textures", (len(textures_of(request)) - 1) * count, known),
     ]
+
+
+def textures_of(request: Request) -> list[str]:
+    """What a run is judged in: the camouflage, plain paint and the controls that it has."""
+    return [name for name in MEANING if name != "seeds" or request.control_seeds]
 
 
 def _seconds(work: Callable[[], Any]) -> float:

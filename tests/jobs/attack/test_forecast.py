@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ import pytest
 from cnca.attack.loop import draw_pool
 from cnca.attack.settings import WEATHERS, Settings
 from cnca.jobs.attack import run
-from cnca.jobs.attack.forecast import Forecast, Part, forecast, step_counts
+from cnca.jobs.attack.forecast import Forecast, Part, forecast, step_counts, textures_of
+from cnca.report import MEANING
 from cnca.scene.schema import Scene
 from tests.forecast_process import small_request
 
@@ -47,6 +49,7 @@ def request_(tmp_path) -> run.Request:
 def test_a_dry_run_writes_nothing_and_names_all_parts(request_):
     expected = forecast(request_)
     assert not request_.out.exists()
+    controls = set(MEANING) - {"before", "after", "seeds"}  # no other seeds were asked for
     assert {part.name: part.times for part in expected.parts} == {
         "preparation": 1,
         "first step": 1,
@@ -57,9 +60,14 @@ def test_a_dry_run_writes_nothing_and_names_all_parts(request_):
         "other checks": 5,
         "first held-out weather": 1,
         "other held-out weathers": 1,
-        "the same in other textures": 8,
+        "the same in other textures": 2 * (len(controls) + 1),  # the camouflage too
     }
     assert expected.memory > 2**28
+
+
+def test_other_seeds_are_one_more_texture(request_):
+    plain, seeds = (textures_of(replace(request_, control_seeds=n)) for n in (0, 5))
+    assert set(seeds) - set(plain) == {"seeds"}
 
 
 def measured(folder: Path, job: str) -> list[float]:
