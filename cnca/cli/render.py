@@ -46,12 +46,13 @@ def render_scene(
     import json as text
 
     from cnca.cli import show
+    from cnca.core.records import as_json
     from cnca.jobs.render_scene import render_scene
 
     request = given.record()
     records = render_scene(request)
     if json:
-        typer.echo(text.dumps(records, indent=2))
+        typer.echo(text.dumps([as_json(record) for record in records], indent=2))
     else:
         show.renders(request, records, explain=explain)
 

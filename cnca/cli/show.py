@@ -16,6 +16,8 @@ from cnca.core import parallel
 from cnca.report import MEANING
 
 if TYPE_CHECKING:
+    from cnca.jobs.accuracy.generator import GeneratorReport
+    from cnca.jobs.accuracy.records import AccuracyReport
     from cnca.jobs.attack.auto_tau import Choice
     from cnca.jobs.attack.forecast import Forecast
     from cnca.jobs.attack.request import Request
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from cnca.jobs.efr_request import EfrRequest
     from cnca.jobs.hardening_request import HardeningRequest
     from cnca.jobs.render_request import RenderRequest
+    from cnca.jobs.render_scene import RenderRecord
+    from cnca.jobs.train_efr import EfrReport
     from cnca.jobs.vehicle.reorder_uv import Reordering
     from cnca.judge.records import Evidence, PhotoEvidence
 
@@ -160,44 +164,43 @@ def hardening(request: HardeningRequest) -> None:
     ending({"table": request.out / "hardening.md"}, ["report", request.out])
 
 
-def renders(request: RenderRequest, records: list[dict[str, Any]], *, explain: bool) -> None:
+def renders(request: RenderRequest, records: Sequence[RenderRecord], *, explain: bool) -> None:
     """Where the pictures are and what they took; with ``explain`` the plan, whose errors and shares
     of the time are predictions.
     """
     if explain:
         rows = [
-            [row["effect"], str(row["model"]), row["why"]]
-            + [f"{row['error']:.2%}", f"{row['time_share']:.0%}"]
-            for row in records[0]["plan"]
+            [row.effect, str(row.model), row.why, f"{row.error:.2%}", f"{row.time_share:.0%}"]
+            for row in records[0].plan
         ]
         table(["effect", "model", "why", "error", "time"], rows)
     for record in records:
-        seconds = record["seconds"]
+        seconds = record.seconds
         line(
-            f"{request.out.parent / record['picture']}: first call {seconds['first']:.2f} s, "
-            f"steady {seconds['steady']:.2f} s"
+            f"{request.out.parent / record.picture}: first call {seconds.first:.2f} s, "
+            f"steady {seconds.steady:.2f} s"
         )
     if not explain:
         ending({}, ["render-scene", request.scene, "-o", request.out, "--explain"])
 
 
-def price_list(out: Path, report: dict[str, Any]) -> None:
+def price_list(out: Path, report: AccuracyReport) -> None:
     """How good the reference is, and what the plans reach."""
     from cnca.jobs.accuracy.price_list import describe_reference
 
-    line(describe_reference(report["reference"]))
-    for rung in report["rungs"]:
-        if rung["target"] is not None:
-            spent = rung["seconds"]["steady"]["forward"]
-            line(f"{rung['name']}: error {rung['error']:.2%} in {spent:.2f} processor seconds")
+    line(describe_reference(report.reference))
+    for rung in report.rungs:
+        if rung.target is not None:
+            spent = rung.seconds.steady.forward
+            line(f"{rung.name}: error {rung.error:.2%} in {spent:.2f} processor seconds")
     measured(out / "accuracy")
 
 
-def gradient_prices(out: Path, report: dict[str, Any]) -> None:
+def gradient_prices(out: Path, report: GeneratorReport) -> None:
     """What going back through fewer denoising steps costs."""
     rows = [
-        [str(row["steps"]), *(f"{row[key]:{how}}" for key, how in GRADIENT.items())]
-        for row in report["prices"]
+        [str(row.steps), *(f"{getattr(row, key):{how}}" for key, how in GRADIENT.items())]
+        for row in report.prices
     ]
     table(["last steps", *GRADIENT], rows)
     measured(out / "generator")
@@ -241,11 +244,11 @@ def layouts(out: Path, report: Reordering) -> None:
     )
 
 
-def corrections(request: EfrRequest, report: dict[str, Any]) -> None:
+def corrections(request: EfrRequest, report: EfrReport) -> None:
     """What an EFR came to."""
     line(
-        f"{request.out}: mean absolute error {report['error_before']:.4f} before, "
-        f"{report['error_after']:.4f} after, on {report['test_views']} views not trained on"
+        f"{request.out}: mean absolute error {report.error_before:.4f} before, "
+        f"{report.error_after:.4f} after, on {report.test_views} views not trained on"
     )
     if request.carla is not None:
         line("one car in one paint: says nothing about other textures, cars or weathers")

@@ -78,12 +78,13 @@ def train_detector(
     resume: Resume = False,
 ) -> None:
     """Render pictures of the built-in vehicles and train a built-in detector on them."""
+    from cnca.core.records import as_json
     from cnca.train.detector.builtin import train_builtin
 
     report = train_builtin(
         out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume
     )
-    typer.echo(report)
+    typer.echo(as_json(report))
 
 
 @app.command(rich_help_panel=TRAIN)

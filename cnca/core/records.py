@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Kind = TypeVar("Kind")
 Omitted = Annotated[Kind | None, Field(exclude_if=lambda value: value is None)]
 """A field whose key is left out of the file where its value is None."""
+AGAIN = "run its command again"
+"""What to do about a damaged file, where nothing else is said."""
 
 
 def as_json(record: DataclassInstance) -> dict[str, Any]:
@@ -30,26 +32,26 @@ def as_json(record: DataclassInstance) -> dict[str, Any]:
     return _adapter(type(record)).dump_python(record, mode="json", by_alias=True)
 
 
-def from_json(kind: type[Kind], content: object, path: Path) -> Kind:
+def from_json(kind: type[Kind], content: object, path: Path, *, advice: str = AGAIN) -> Kind:
     """The record that :func:`as_json` made ``content`` of; keys that it does not know are ignored.
 
-    Raises RunError, which names ``path`` and the key, where the content is another one.
+    Raises RunError, which names ``path``, the key and what to do, where the content is another one.
     """
     try:
         return _adapter(kind).validate_python(content)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(step) for step in first["loc"]) or "the file"
-        raise RunError(f"{path}: {where}: {first['msg']}; run its command again") from None
+        raise RunError(f"{path}: {where}: {first['msg']}; {advice}") from None
 
 
-def read_record(kind: type[Kind], path: Path) -> Kind:
+def read_record(kind: type[Kind], path: Path, *, advice: str = AGAIN) -> Kind:
     """A record from a file; raises RunError where it cannot be read or holds something else."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise RunError(f"{path}: damaged or not there ({error}); run its command again") from None
-    return from_json(kind, content, path)
+        raise RunError(f"{path}: damaged or not there ({error}); {advice}") from None
+    return from_json(kind, content, path, advice=advice)
 
 
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}

@@ -14,15 +14,15 @@ relative to bright pixels, absolute in dark ones (relMSE of Rousselle, Knaus & Z
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from cnca.core.records import read_record
 from cnca.effects.subject import TYPICAL, Subject
 
 SHIPPED = Path(__file__).parents[1] / "assets" / "prices.json"
@@ -74,20 +74,27 @@ class Prices:
         wanted = TYPICAL * ratio ** (-1 / self.noise.weights[-1])
         return int(min(2 ** max(math.ceil(math.log2(wanted)), 0), most))
 
-    def as_json(self) -> dict[str, object]:
-        """What :func:`read_prices` reads."""
-        return asdict(self)
 
+@dataclass(frozen=True)
+class Calibration:
+    """The content of a ``prices.json``: prices, and how they were measured."""
 
-def read_prices(path: Path) -> Prices:
-    """Prices from a file that ``cnca calibrate`` wrote."""
-    content = json.loads(path.read_text(encoding="utf-8"))["prices"]
-    fits = {name: Fit(tuple(f["weights"]), f["spread"]) for name, f in content["errors"].items()}
-    noise = Fit(tuple(content["noise"]["weights"]), content["noise"]["spread"])
-    return Prices(fits, noise, content["seconds"])
+    made_by: str
+    """The commands."""
+    pixels: tuple[int, ...]
+    """Per side, of the pictures that are compared and of the larger ones of the noise."""
+    samples: tuple[int, ...]
+    """Rays per pixel of both halves."""
+    versions: Mapping[str, str]
+    prices: Prices
 
 
 @cache
+def shipped_calibration() -> Calibration:
+    """The one that comes with the package."""
+    return read_record(Calibration, SHIPPED)
+
+
 def shipped_prices() -> Prices:
     """The prices that come with the package."""
-    return read_prices(SHIPPED)
+    return shipped_calibration().prices

@@ -39,7 +39,7 @@ from cnca.judge.verdict import measure_all, word_for
 from cnca.report.tables import cell, table
 from cnca.scene.schema import Scene, load_scene
 from cnca.train.detector.renders import GROUPS, Cast, render_detector_data
-from cnca.train.detector.training import Settings, train_detector
+from cnca.train.detector.training import DetectorReport, Settings, train_detector
 
 BEFORE, AFTER = "before", "after"
 MEASURES = {"AP_voc": "AP@0.5", "score": "score"}
@@ -63,8 +63,7 @@ class Hardening:
     views: int
     rows: Mapping[str, Mapping[str, Change]]
     """Texture → measure → change."""
-    training: Mapping[str, object]
-    """The report of the training."""
+    training: DetectorReport
 
 
 def harden(request: HardeningRequest, console: Console, *, resume: bool = False) -> Hardening:

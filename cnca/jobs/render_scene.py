@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,10 +14,11 @@ from cnca.core.color import linear_to_srgb
 from cnca.core.images import write_exr
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import as_pictures, write_png
+from cnca.core.records import as_json
 from cnca.core.types import LinearImages, LinearTexture
 from cnca.effects.catalog import parse_effects
 from cnca.effects.effect import Model
-from cnca.effects.explain import explain
+from cnca.effects.explain import Explanation, explain
 from cnca.effects.plan import Demand
 from cnca.effects.protocols import PlanningRenderer
 from cnca.jobs.render_request import RenderRequest
@@ -26,12 +26,39 @@ from cnca.scene.cameras import View
 from cnca.scene.schema import Scene, load_scene
 
 
-def render_scene(request: RenderRequest) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class RenderSeconds:
+    """Wall-clock seconds of one picture."""
+
+    first: float
+    """Of the first call, which makes kernels, sky and fog."""
+    steady: float
+
+
+@dataclass(frozen=True)
+class RenderRecord:
+    """What stands beside a picture as JSON."""
+
+    picture: str
+    """The file's name."""
+    view: View
+    seed: int
+    samples: int
+    """Rays per pixel."""
+    plan: list[Explanation]
+    seconds: RenderSeconds
+    vehicle_box_xyxy: tuple[float, float, float, float]
+    """In pixels."""
+    versions: dict[str, str]
+    inputs: dict[str, str]
+    """File that was read → SHA-256."""
+
+
+def render_scene(request: RenderRequest) -> list[RenderRecord]:
     """Render views of a scene file and write each with a JSON record beside it.
 
     Returns:
-        The records, one per view: view, seed, plan, seconds (first call and steady), bounding box
-        (xyxy in pixels), versions, and SHA-256 of all files that were read.
+        The records, one per view.
     """
     out, texture, seed = request.out, request.texture, request.seed
     demand = _demand(request)  # first, since what is misspelt there is refused at once
@@ -46,23 +73,23 @@ def render_scene(request: RenderRequest) -> list[dict[str, Any]]:
     records = []
     for each in views:
         path = out.with_name(f"{out.stem}_{each.name}{out.suffix}") if request.all_views else out
-        box = renderer.vehicle_boxes([each])[0].tolist()
+        left, top, right, bottom = renderer.vehicle_boxes([each])[0].tolist()
         images, first = _timed(renderer, painted, each, scene, seed)
         _write(path, images, renderer, each)
         _, steady = _timed(renderer, painted, each, scene, seed)  # after the user has the picture
         plan = renderer.plan(painted, [each], scene.weather())
-        record = {
-            "picture": path.name,
-            "view": asdict(each),
-            "seed": seed,
-            "samples": plan.samples,
-            "plan": [asdict(row) for row in explain(plan)],
-            "seconds": {"first": first, "steady": steady},
-            "vehicle_box_xyxy": box,
-            "versions": versions(),
-            "inputs": inputs,
-        }
-        write_json(path.with_suffix(".json"), record)
+        record = RenderRecord(
+            picture=path.name,
+            view=each,
+            seed=seed,
+            samples=plan.samples,
+            plan=explain(plan),
+            seconds=RenderSeconds(first, steady),
+            vehicle_box_xyxy=(left, top, right, bottom),
+            versions=versions(),
+            inputs=inputs,
+        )
+        write_json(path.with_suffix(".json"), as_json(record))
         records.append(record)
     return records
 

@@ -8,10 +8,9 @@ the photograph: a few pictures of one car in one paint teach nothing about other
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -23,6 +22,7 @@ from cnca.core.color import srgb_to_linear
 from cnca.core.errors import RunError
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearImages, LinearTexture, PlainPictures, SrgbTexture
 from cnca.gen import textures
@@ -113,12 +113,30 @@ class Studio:
         return Shot(PlainPictures(traced, drawn), renders, truths, mask[part].clone())
 
 
-def train_efr(request: EfrRequest, console: Console, *, resume: bool = False) -> dict[str, Any]:
-    """Train an EFR on renders of scenes or on CARLA's frames.
+@dataclass(frozen=True)
+class EfrReport:
+    """What a training came to; errors are mean absolute ones of display values in [0, 1]."""
 
-    Returns:
-        The report: mean absolute errors of display values before, after and per epoch, and the
-        share of the test pictures that are worse after.
+    error_before: float
+    error_after: float
+    remaining: float
+    """The error after as a share of that before."""
+    worse: float
+    """Share of the test pictures that are worse after."""
+    per_epoch: list[float]
+    """The error after each epoch."""
+    scenes: list[str]
+    carla: str | None
+    """Folder of the frames, where it was trained on them."""
+    backend: str
+    samples: int
+    training_views: int
+    test_views: int
+    versions: dict[str, str]
+
+
+def train_efr(request: EfrRequest, console: Console, *, resume: bool = False) -> EfrReport:
+    """Train an EFR on renders of scenes or on CARLA's frames.
 
     Raises:
         RunError: the folder holds a training already (without ``resume``) or another one.
@@ -140,18 +158,10 @@ def train_efr(request: EfrRequest, console: Console, *, resume: bool = False) ->
         draw = partial(_renders, scenes, backend, samples, console)
         training, test = draw(views, seed), draw(max(1, round(TEST_SHARE * views)), seed, test=True)
     outcome = train(loop, training, test, epochs=request.epochs)
-    report = _report(outcome) | {
-        "scenes": [str(scene) for scene in request.scenes],
-        "carla": str(carla) if carla else None,
-        "backend": backend,
-        "samples": samples,
-        "training_views": len(training),
-        "test_views": len(test),
-        "versions": versions(),
-    }
+    report = _report(request, outcome, training_views=len(training), test_views=len(test))
     if parallel.rank() == 0:
         outcome.network.save(out)
-        write_json(out.with_suffix(".json"), report)
+        write_json(out.with_suffix(".json"), as_json(report))
     return report
 
 
@@ -161,15 +171,24 @@ def _inputs(scenes: Sequence[Path], carla: Path | None) -> list[Path]:
     return [*files, *(sorted(carla.glob("*.npz")) if carla else [])]
 
 
-def _report(outcome: Outcome) -> dict[str, Any]:
+def _report(
+    request: EfrRequest, outcome: Outcome, *, training_views: int, test_views: int
+) -> EfrReport:
     before, after = float(outcome.before.mean()), float(outcome.best.mean())
-    return {
-        "error_before": round(before, 5),
-        "error_after": round(after, 5),
-        "remaining": round(after / before, 4),
-        "worse": round(float((outcome.best > outcome.before).float().mean()), 4),
-        "per_epoch": [round(float(errors.mean()), 5) for errors in outcome.after],
-    }
+    return EfrReport(
+        error_before=round(before, 5),
+        error_after=round(after, 5),
+        remaining=round(after / before, 4),
+        worse=round(float((outcome.best > outcome.before).float().mean()), 4),
+        per_epoch=[round(float(errors.mean()), 5) for errors in outcome.after],
+        scenes=[str(scene) for scene in request.scenes],
+        carla=str(request.carla) if request.carla else None,
+        backend=request.backend,
+        samples=request.samples,
+        training_views=training_views,
+        test_views=test_views,
+        versions=versions(),
+    )
 
 
 def _renders(

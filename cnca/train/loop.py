@@ -160,10 +160,10 @@ class TrainingState:
                 raise RunError(f"{file}: was trained with {key}={before}, not {now}; remove it")
         return step
 
-    def _parts(self) -> dict[str, Any]:
-        parts: dict[str, Any] = {"network": self.task.network, "averaged": self.averaged}
-        parts |= {"optimizer": self.optimizer, "task": self.task}
-        return {name: part for name, part in parts.items() if part is not None}
+    def _parts(self) -> dict[str, nn.Module | torch.optim.Optimizer | Task[Any]]:
+        parts: dict[str, nn.Module | torch.optim.Optimizer | Task[Any]]
+        parts = {"network": self.task.network, "optimizer": self.optimizer, "task": self.task}
+        return parts if self.averaged is None else parts | {"averaged": self.averaged}
 
 
 def rate_factor(step: int, recipe: Recipe) -> float:

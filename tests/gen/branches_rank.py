@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 
 from cnca.core import parallel
-from cnca.gen import feature
+from cnca.gen.choices import KINDS
 from cnca.gen.sampling import DiffusionTextureGenerator
 from tests.gen.tiny import tiny_pipeline
 
@@ -19,7 +19,7 @@ from tests.gen.tiny import tiny_pipeline
 def run_rank(folder: Path) -> None:
     content: dict[str, torch.Tensor] = {}
     branches: list[int] = []
-    for kind in feature.KINDS:
+    for kind in KINDS:
         for options in ({}, {"gradient_steps": 2}, {"gradient_checkpointing": False}):
             pipeline, name = tiny_pipeline(), " ".join([kind, *options])
             pipeline.unet.register_forward_pre_hook(lambda _, given: branches.append(len(given[0])))

@@ -20,6 +20,7 @@ from cnca.judge.candidates import parse_candidates
 from cnca.judge.records import Estimate
 from cnca.scene.schema import load_scene
 from cnca.train.detector import renders as detector_data
+from cnca.train.detector.training import DetectorReport, Settings
 
 SCENE = """
 vehicle: {mesh: builtin:sedan, texture_size: 32}
@@ -120,6 +121,7 @@ def test_table():
     """The verdict is on the difference, whose interval is narrower than theirs."""
     number = Estimate(0.5, 0.25, 0.75)
     change = Change(number, number, Estimate(0.0, 0.0, 0.0), "higher")
-    text = markdown(Hardening(30, {"zebra": {"AP_voc": change, "score": change}}, {}))
+    training = DetectorReport(Settings(), {})
+    text = markdown(Hardening(30, {"zebra": {"AP_voc": change, "score": change}}, training))
     assert "| zebra | 0.50 [0.25, 0.75] | 0.50 [0.25, 0.75] | higher |" in text
     assert "30 held-out views" in text

@@ -43,14 +43,14 @@ def call(tmp_path, monkeypatch):
 
 def test_from_renders(call, tmp_path):
     report = call(scenes=(call.scene,))
-    assert (report["training_views"], report["test_views"]) == (4, 1)
-    assert report["error_after"] == min([report["error_before"], *report["per_epoch"]])
+    assert (report.training_views, report.test_views) == (4, 1)
+    assert report.error_after == min([report.error_before, *report.per_epoch])
     assert json.loads((tmp_path / "efr.json").read_text())["backend"] == "raster"
     residual = build.build_residual(tmp_path / "efr.safetensors")
     images = torch.rand(1, 3, 9, 9)
     plain = PlainPictures(images + 0.1, images)
     assert residual(images, [plain]).shape == images.shape
-    assert 0 <= report["worse"] <= 1
+    assert 0 <= report.worse <= 1
 
 
 def test_truth_and_reference_agree_in_the_plain_paint(call, monkeypatch):
@@ -72,14 +72,14 @@ def test_from_frames(call, tmp_path):
     for name, yaw in (("a", 30), ("b", 200)):
         write_frame(tmp_path / f"{name}.npz", yaw)
     report = call(carla=tmp_path)
-    assert (report["training_views"], report["test_views"]) == (1, 1)
-    assert report["error_after"] < 1
+    assert (report.training_views, report.test_views) == (1, 1)
+    assert report.error_after < 1
 
 
 def test_what_cannot_be_trained_is_refused(call, tmp_path):
     with pytest.raises(RunError, match="either --from-render"):
         call()
-    with pytest.raises(RunError, match="one to train and one to test"):
+    with pytest.raises(RunError, match="give two or more, for training and test"):
         call(carla=tmp_path)
     with pytest.raises(RunError, match="--views 0"):
         call(scenes=(call.scene,), views=0)
@@ -91,7 +91,7 @@ def test_resumes_only_what_was_begun_from_the_same_files(call, tmp_path):
     with pytest.raises(RunError, match="efr: already holds a training; add --resume"):
         call(scenes=(call.scene,))
     again = call(scenes=(call.scene,), resume=True)
-    assert again["per_epoch"] == first["per_epoch"]
+    assert again.per_epoch == first.per_epoch
     assert (tmp_path / "efr.safetensors").read_bytes() == weights
     call.scene.write_text(SCENE + "\nsky: {scale: 0.5}\n")
     with pytest.raises(RunError, match="scene.yaml: has changed since"):

@@ -6,11 +6,10 @@ reference, both with the same random numbers; their difference is the model's er
 
 from __future__ import annotations
 
-import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -21,12 +20,14 @@ from cnca import build
 from cnca.core.errors import CncaError, RunError, did_you_mean
 from cnca.core.manifest import versions, write_json
 from cnca.core.progress import bar
+from cnca.core.records import as_json, read_record
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearTexture
 from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Effect, Model
 from cnca.effects.plan import Demand, EffectPlan
-from cnca.effects.prices import SHIPPED, Prices, fit, shipped_prices
+from cnca.effects.prices import Calibration, Prices, fit, shipped_calibration, shipped_prices
+from cnca.jobs.accuracy.case_records import CaseRecord, NoiseRecord, TimeRecord
 from cnca.jobs.accuracy.fidelity import (
     Pixels,
     squared_bias,
@@ -67,7 +68,7 @@ def random_case(seed: int) -> Case:
     In one of four the windows are clear.
     """
     rng = np.random.default_rng(seed)
-    vehicle: dict[str, Any] = {"mesh": f"builtin:{rng.choice(VEHICLES)}", "texture_size": 64}
+    vehicle: dict[str, object] = {"mesh": f"builtin:{rng.choice(VEHICLES)}", "texture_size": 64}
     ground = {"color": [float(rng.uniform(0.2, 0.8))] * 3}
     altitude = rng.uniform(-8, 0) if rng.random() < 0.2 else rng.uniform(3, 80)
     fog = Fog(
@@ -142,7 +143,7 @@ def demand(samples: int, **forced: Model) -> Demand:
     return Demand(reference=True, forced={"samples": samples, **forced})
 
 
-def measure(case: Case, only: str | None = None) -> dict[str, Any]:
+def measure(case: Case, only: str | None = None) -> CaseRecord:
     """Errors, noise and processor seconds of all models that the case can tell apart.
 
     With the name of an effect, the errors of its models alone.
@@ -151,7 +152,7 @@ def measure(case: Case, only: str | None = None) -> dict[str, Any]:
     full = demand(SAMPLES)
     best = studio.plan(full)
     reference, seconds = studio.halves(full)
-    timed = [{"models": dict(best.models), "seconds": seconds}]
+    timed = [TimeRecord(dict(best.models), seconds)]
     errors, known = {}, {}
     for effect, model in models_of(only):
         lower = demand(SAMPLES, **{effect.name: model})
@@ -162,14 +163,14 @@ def measure(case: Case, only: str | None = None) -> dict[str, Any]:
         # What noise hides counts as large as the noise.
         errors[effect.key(model)] = float(max(bias, uncertainty) ** 0.5)
         known[effect.key(model)] = effect.share(model, best.subject)
-        timed.append({"models": dict(studio.plan(lower).models), "seconds": seconds})
-    return {
-        "features": best.subject.features(),
-        "known": known,
-        "errors": errors,
-        "noise": measure_noise(studio) if only is None else [],
-        "timed": timed if only is None else [],
-    }
+        timed.append(TimeRecord(dict(studio.plan(lower).models), seconds))
+    return CaseRecord(
+        features=best.subject.features(),
+        known=known,
+        errors=errors,
+        noise=measure_noise(studio) if only is None else [],
+        timed=timed if only is None else [],
+    )
 
 
 def models_of(only: str | None) -> list[tuple[Effect, Model]]:
@@ -181,7 +182,7 @@ def models_of(only: str | None) -> list[tuple[Effect, Model]]:
     return [(effect, model) for effect, model in MODELS if only in (None, effect.name)]
 
 
-def measure_noise(studio: Studio) -> list[dict[str, Any]]:
+def measure_noise(studio: Studio) -> list[NoiseRecord]:
     """Noise of small and large pictures with few and many rays per pixel."""
     rows, case = [], studio.case
     for size in (SIZE, LARGE):
@@ -191,12 +192,12 @@ def measure_noise(studio: Studio) -> list[dict[str, Any]]:
         for samples, pair in pictures.items():
             # The picture of most rays tells which pixels are dark.
             noise = squared_noise(pair, pictures[NOISE_SAMPLES[-1]]) ** 0.5
-            rows.append({"features": subject.noise_features(samples), "noise": noise})
+            rows.append(NoiseRecord(subject.noise_features(samples), noise))
     studio.look(case)
     return rows
 
 
-def fit_prices(records: list[dict[str, Any]], only: str | None = None) -> Prices:
+def fit_prices(records: Sequence[CaseRecord], only: str | None = None) -> Prices:
     """Prices that explain what :func:`measure` found in many cases.
 
     Of one effect alone, they stand beside all others of the list that ships.
@@ -204,29 +205,29 @@ def fit_prices(records: list[dict[str, Any]], only: str | None = None) -> Prices
     errors = {}
     for effect, model in models_of(only):
         key = effect.key(model)
-        known = [r for r in records if key in r["errors"]]
+        known = [r for r in records if key in r.errors]
         if not known:
             raise RunError(f"{len(records)} scenes: none of them shows {key}; take more scenes")
-        values = [max(r["errors"][key], LEAST_ERROR) / r["known"][key] for r in known]
-        errors[key] = fit([r["features"] for r in known], values)
+        values = [max(r.errors[key], LEAST_ERROR) / r.known[key] for r in known]
+        errors[key] = fit([r.features for r in known], values)
     if only is not None:
         shipped = shipped_prices()
         return replace(shipped, errors={**shipped.errors, **errors})
-    rows = [row for record in records for row in record["noise"]]
-    noise = fit([row["features"] for row in rows], [row["noise"] for row in rows])
+    rows = [row for record in records for row in record.noise]
+    noise = fit([row.features for row in rows], [row.noise for row in rows])
     return Prices(errors, noise, _fit_seconds(records))
 
 
-def _fit_seconds(records: list[dict[str, Any]]) -> dict[str, float]:
+def _fit_seconds(records: Sequence[CaseRecord]) -> dict[str, float]:
     """Seconds of the models that are not the cheapest, none of them negative."""
     parts = [part for effect in EFFECTS.values() for part in effect.parts]
     rows, seconds = [], []
-    for timed in (timed for record in records for timed in record["timed"]):
+    for timed in (timed for record in records for timed in record.timed):
         work: dict[str, float] = {}
-        for name, model in timed["models"].items():
+        for name, model in timed.models.items():
             work |= EFFECTS[name].work(model)
         rows.append([work.get(part, 0.0) for part in parts])
-        seconds.append(timed["seconds"])
+        seconds.append(timed.seconds)
     solution, _ = nnls(np.array(rows), np.array(seconds))
     return {part: round(float(s), 5) for part, s in zip(parts, solution, strict=True)}
 
@@ -246,18 +247,14 @@ def calibrate(
         for index in progress.track(range(scenes), description="scenes"):
             path = out / f"case_{seed}_{index}.json"
             if not path.exists():
-                write_json(path, measure(random_case(seed + index), only))
-            records.append(json.loads(path.read_text(encoding="utf-8")))
+                write_json(path, as_json(measure(random_case(seed + index), only)))
+            records.append(read_record(CaseRecord, path, advice="delete it"))
     made = f"cnca calibrate --scenes {scenes} --seed {seed}"
     if only is not None:
-        made = f"{json.loads(SHIPPED.read_text())['made_by']}; {made} --only {only}"
-    content: dict[str, Any] = {
-        "made_by": made,
-        "pixels": [SIZE, LARGE],
-        "samples": [SAMPLES, SAMPLES],
-    }
-    content |= {"versions": versions(), "prices": fit_prices(records, only).as_json()}
-    write_json(out / "prices.json", content)
+        made = f"{shipped_calibration().made_by}; {made} --only {only}"
+    prices = fit_prices(records, only)
+    calibration = Calibration(made, (SIZE, LARGE), (SAMPLES, SAMPLES), versions(), prices)
+    write_json(out / "prices.json", as_json(calibration))
     return out / "prices.json"
 
 

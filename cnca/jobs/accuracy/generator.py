@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import torch
@@ -19,6 +19,7 @@ from cnca import build
 from cnca.core.files import replacing
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.gen.feature import initial
 from cnca.jobs.accuracy.request import GradientRequest
@@ -32,7 +33,35 @@ SPREAD = 0.1
 """Standard deviation of the F_adv at which gradients are taken."""
 
 
-def generator_accuracy(request: GradientRequest, console: Console) -> dict[str, Any]:
+@dataclass(frozen=True)
+class GradientPrice:
+    """The gradient through the last ``steps`` steps beside the full one; means of the probes."""
+
+    steps: int
+    seconds: float
+    """Of one texture and its gradient, with gradient checkpointing."""
+    seconds_kept: float
+    """The same with all activations kept."""
+    cosine: float
+    length: float
+    """Relative to the full gradient's."""
+
+
+@dataclass(frozen=True)
+class GeneratorReport:
+    """The content of ``generator.json``."""
+
+    prompt: str
+    generator: str
+    feature: str
+    guidance: float
+    probes: int
+    seed: int
+    versions: dict[str, str]
+    prices: list[GradientPrice]
+
+
+def generator_accuracy(request: GradientRequest, console: Console) -> GeneratorReport:
     """Compare gradients through the last K steps with that through all; return the report.
 
     Writes ``generator.json``, ``.md`` and ``.png`` into ``out``.  A probe is what a loss might ask
@@ -60,27 +89,27 @@ def generator_accuracy(request: GradientRequest, console: Console) -> dict[str, 
                     shortened, request.prompt, request.probes, request.seed
                 )
                 seconds[last].append(fastest)
-    report: dict[str, Any] = {
-        "prompt": request.prompt,
-        "generator": str(request.generator or "shipped"),
-        "feature": request.feature,
-        "guidance": request.guidance,
-        "probes": request.probes,
-        "seed": request.seed,
-        "versions": versions(),
-        "prices": prices(gradients, seconds),
-    }
-    write_json(out / "generator.json", report)
+    report = GeneratorReport(
+        prompt=request.prompt,
+        generator=str(request.generator or "shipped"),
+        feature=request.feature,
+        guidance=request.guidance,
+        probes=request.probes,
+        seed=request.seed,
+        versions=versions(),
+        prices=prices(gradients, seconds),
+    )
+    write_json(out / "generator.json", as_json(report))
     with replacing(out / "generator.md") as temporary:
-        temporary.write_text(table(report["prices"]), encoding="utf-8")
+        temporary.write_text(table(report.prices), encoding="utf-8")
     _write_picture(out / "generator.png", report)
     return report
 
 
 def prices(
     gradients: dict[int, list[Tensor]], seconds: dict[int, list[float]]
-) -> list[dict[str, float]]:
-    """One row for each K: steps, seconds, and cosine and relative length (means of the probes).
+) -> list[GradientPrice]:
+    """One row for each K, fewest steps first.
 
     ``seconds`` are those with gradient checkpointing and without.
     """
@@ -90,21 +119,19 @@ def prices(
         pairs = [(s.flatten(), f.flatten()) for s, f in zip(short, full, strict=True)]
         cosines = [torch.cosine_similarity(s, f, dim=0) for s, f in pairs]
         lengths = [s.norm() / f.norm() for s, f in pairs]
-        row = {"steps": last} | dict(zip(("seconds", "seconds_kept"), seconds[last], strict=True))
-        row |= {"cosine": _mean(cosines), "length": _mean(lengths)}
-        rows.append(row)
+        checkpointed, kept = seconds[last]
+        rows.append(GradientPrice(last, checkpointed, kept, _mean(cosines), _mean(lengths)))
     return rows
 
 
-def table(rows: Sequence[dict[str, float]]) -> str:
+def table(rows: Sequence[GradientPrice]) -> str:
     """The price list in Markdown."""
     lines = [
         "| last steps | seconds | with all activations kept | cosine | length |",
         "|---|---|---|---|---|",
     ]
     lines += [
-        f"| {r['steps']} | {r['seconds']:.2f} | {r['seconds_kept']:.2f} | {r['cosine']:.3f} "
-        f"| {r['length']:.3f} |"
+        f"| {r.steps} | {r.seconds:.2f} | {r.seconds_kept:.2f} | {r.cosine:.3f} | {r.length:.3f} |"
         for r in rows
     ]
     return "\n".join(lines) + "\n"
@@ -131,17 +158,17 @@ def _mean(values: Sequence[Tensor]) -> float:
     return torch.stack(list(values)).mean().item()
 
 
-def _write_picture(path: Path, report: dict[str, Any]) -> None:
-    rows = report["prices"]
-    seconds = [row["seconds"] for row in rows]
+def _write_picture(path: Path, report: GeneratorReport) -> None:
+    rows = report.prices
+    seconds = [row.seconds for row in rows]
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    axes.plot(seconds, [row["cosine"] for row in rows], "o-", label="cosine")
-    axes.plot(seconds, [row["length"] for row in rows], "s--", label="relative length")
+    axes.plot(seconds, [row.cosine for row in rows], "o-", label="cosine")
+    axes.plot(seconds, [row.length for row in rows], "s--", label="relative length")
     for row in rows:
-        where = row["seconds"], row["cosine"]
-        axes.annotate(f"K = {row['steps']}", where, (4, -12), textcoords="offset points")
+        where = row.seconds, row.cosine
+        axes.annotate(f"K = {row.steps}", where, (4, -12), textcoords="offset points")
     axes.set(xlabel="seconds per texture and gradient", ylim=(None, 1.05))
-    axes.set_title(f"Gradient through the last K of {STEPS} steps, “{report['prompt']}”")
+    axes.set_title(f"Gradient through the last K of {STEPS} steps, “{report.prompt}”")
     axes.legend()
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=120)

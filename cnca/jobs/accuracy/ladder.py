@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -16,6 +14,7 @@ from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.progress import bar
+from cnca.core.records import as_json, read_record
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearImages
 from cnca.detect import detector_files
@@ -33,6 +32,13 @@ from cnca.jobs.accuracy.fidelity import (
     squared_noise,
 )
 from cnca.jobs.accuracy.price_list import write_picture, write_table
+from cnca.jobs.accuracy.records import (
+    AccuracyReport,
+    MeasuredRung,
+    PassSeconds,
+    ReferenceRecord,
+    RungSeconds,
+)
 from cnca.jobs.accuracy.reference import Bench, Reference, agreement, converge, fingerprint
 from cnca.jobs.accuracy.request import AccuracyRequest
 from cnca.scene.schema import load_scene
@@ -74,7 +80,7 @@ def ladder() -> Iterator[Rung]:
         yield Rung(f"{samples} spp, half resolution", Demand(forced=usual), scale=0.5)
 
 
-def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
+def measure(bench: Bench, rung: Rung, reference: Reference) -> MeasuredRung:
     """Processor seconds and errors of one rung; the first call makes kernels and solves the fog."""
     shots = [bench.shoot(rung.demand, repeat, rung.scale) for repeat in range(REPEATS)]
     images, gradients, seconds = zip(*shots, strict=True)
@@ -89,33 +95,30 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> dict[str, Any]:
     agreements = [gradient_agreement(g, reference.gradient_halves()) for g in gradients]
     cosine, length = np.mean(agreements, axis=0)
     plan = bench.plan(rung.demand)
-    return {
-        "name": rung.name,
-        "target": rung.target,
-        "models": dict(plan.models),
-        "scale": rung.scale,
-        "predicted_error": explain(plan)[-1].error,
-        "seconds": {"first": seconds[0], "steady": _fastest(seconds[1:])},
-        "error": root(float(np.mean([square for square, _ in squares]))),
-        "bias": root(float(bias)),
-        "bias_hidden": root(float(2 * uncertainty)),
-        "mean": mean,
-        "mean_error": mean_error,
-        "noise": root(float(np.mean([squared_noise(pair, halves) for pair in pairs]))),
-        "delta_e": float(np.mean([mean_delta_e([p], halves) for p in pictures])),
-        "gradient_cosine": float(cosine),
-        "gradient_length": float(length),
-        "score_change": float(np.mean([abs(bench.score(i) - truth) for i in images])),
-    }
+    return MeasuredRung(
+        name=rung.name,
+        target=rung.target,
+        models=dict(plan.models),
+        scale=rung.scale,
+        predicted_error=explain(plan)[-1].error,
+        seconds=RungSeconds(seconds[0], _fastest(seconds[1:])),
+        error=root(float(np.mean([square for square, _ in squares]))),
+        bias=root(float(bias)),
+        bias_hidden=root(float(2 * uncertainty)),
+        mean=mean,
+        mean_error=mean_error,
+        noise=root(float(np.mean([squared_noise(pair, halves) for pair in pairs]))),
+        delta_e=float(np.mean([mean_delta_e([p], halves) for p in pictures])),
+        gradient_cosine=float(cosine),
+        gradient_length=float(length),
+        score_change=float(np.mean([abs(bench.score(i) - truth) for i in images])),
+    )
 
 
-def accuracy(request: AccuracyRequest, console: Console) -> dict[str, Any]:
+def accuracy(request: AccuracyRequest, console: Console) -> AccuracyReport:
     """Measure the ladder on one view; write ``accuracy.json``, ``.md`` and ``.png`` into ``out``.
 
     The same call goes on where an earlier one was interrupted or ran out of time.
-
-    Returns:
-        What ``accuracy.json`` holds.
 
     Raises:
         RunError: ``volpath`` for a scene without fog.
@@ -130,6 +133,7 @@ def accuracy(request: AccuracyRequest, console: Console) -> dict[str, Any]:
     key = fingerprint(scene, bench.view, volpath=volpath)
     inputs = [*build.scene_files(scene, scene_file), *detector_files(detector)]
     RunFolder(out, "accuracy").renew(request, hashes(inputs))
+    rungs = _known_rungs(out, key, detector)
     reference = converge(
         bench,
         out / f"reference_{key}.pt",
@@ -137,42 +141,41 @@ def accuracy(request: AccuracyRequest, console: Console) -> dict[str, Any]:
         volpath=volpath,
         console=console,
     )
-    report: dict[str, Any] = {
-        "scene": str(scene_file),
-        "view": asdict(bench.view),
-        "detector": detector,
-        "reference": {"key": key, "volpath": volpath} | agreement(bench, reference),
-        "versions": versions(),
-        "rungs": _known_rungs(out, key, detector),
-    }
-    known, pace = {row["name"] for row in report["rungs"]}, 0.0
-    report["not_reached"] = []
+    report = AccuracyReport(
+        scene=str(scene_file),
+        view=bench.view,
+        detector=detector,
+        reference=ReferenceRecord(**asdict(agreement(bench, reference)), key=key, volpath=volpath),
+        versions=versions(),
+        rungs=rungs,
+    )
+    known, pace = {rung.name for rung in report.rungs}, 0.0
     with bar(console) as progress:
         for rung, rays in progress.track(_by_rays(bench), description="rungs"):
             if rung.name in known:
                 continue
             begun = time.monotonic()
             if begun + pace * rays > started + seconds:
-                report["not_reached"].append(rung.name)
+                report.not_reached.append(rung.name)
                 continue
-            report["rungs"].append(measure(bench, rung, reference))
-            write_json(out / "accuracy.json", report)
+            report.rungs.append(measure(bench, rung, reference))
+            write_json(out / "accuracy.json", as_json(report))
             pace = (time.monotonic() - begun) / rays
-    report["front"] = pareto_front(report["rungs"])
-    write_json(out / "accuracy.json", report)
+    report = replace(report, front=pareto_front(report.rungs))
+    write_json(out / "accuracy.json", as_json(report))
     write_table(out / "accuracy.md", report)
     write_picture(out / "accuracy.png", report)
     return report
 
 
-def pareto_front(rungs: list[dict[str, Any]]) -> list[str]:
+def pareto_front(rungs: Sequence[MeasuredRung]) -> list[str]:
     """Names of the rungs that no faster one beats in error, fastest first."""
     front: list[str] = []
     least = float("inf")
-    for rung in sorted(rungs, key=lambda rung: rung["seconds"]["steady"]["forward"]):
-        if rung["error"] < least:
-            least = rung["error"]
-            front.append(rung["name"])
+    for rung in sorted(rungs, key=lambda rung: rung.seconds.steady.forward):
+        if rung.error < least:
+            least = rung.error
+            front.append(rung.name)
     return front
 
 
@@ -187,15 +190,15 @@ def _by_rays(bench: Bench) -> list[tuple[Rung, float]]:
     return sorted(different.values(), key=lambda pair: pair[1])
 
 
-def _fastest(seconds: tuple[dict[str, float], ...]) -> dict[str, float]:
-    return {key: min(one[key] for one in seconds) for key in seconds[0]}
+def _fastest(seconds: Sequence[PassSeconds]) -> PassSeconds:
+    return PassSeconds(min(s.forward for s in seconds), min(s.backward for s in seconds))
 
 
-def _known_rungs(out: Path, key: str, detector: str) -> list[dict[str, Any]]:
+def _known_rungs(out: Path, key: str, detector: str) -> list[MeasuredRung]:
     """Rungs of an earlier call that were measured against the same reference."""
     path = out / "accuracy.json"
     if not path.exists():
         return []
-    report = json.loads(path.read_text(encoding="utf-8"))
-    same = report["reference"]["key"] == key and report["detector"] == detector
-    return report["rungs"] if same else []
+    report = read_record(AccuracyReport, path, advice="delete it to measure all rungs again")
+    same = report.reference.key == key and report.detector == detector
+    return report.rungs if same else []

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 
@@ -12,20 +12,21 @@ from matplotlib import pyplot as plt
 from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
 
 from cnca.core.files import replacing
+from cnca.jobs.accuracy.records import AccuracyReport, MeasuredRung, ReferenceRecord
 
-COLUMNS = {
-    "rung": lambda r: r["name"],
-    "first call, CPU s": lambda r: f"{r['seconds']['first']['forward']:.2f}",
-    "forward, CPU s": lambda r: f"{r['seconds']['steady']['forward']:.3f}",
-    "backward, CPU s": lambda r: f"{r['seconds']['steady']['backward']:.3f}",
-    "error": lambda r: f"{r['error']:.2%}",
+COLUMNS: dict[str, Callable[[MeasuredRung], str]] = {
+    "rung": lambda r: r.name,
+    "first call, CPU s": lambda r: f"{r.seconds.first.forward:.2f}",
+    "forward, CPU s": lambda r: f"{r.seconds.steady.forward:.3f}",
+    "backward, CPU s": lambda r: f"{r.seconds.steady.backward:.3f}",
+    "error": lambda r: f"{r.error:.2%}",
     "bias": lambda r: _bias(r),
-    "mean": lambda r: f"{r['mean']:+.2%} ± {r['mean_error']:.2%}",
-    "noise": lambda r: f"{r['noise']:.2%}",
-    "ΔE2000": lambda r: f"{r['delta_e']:.2f}",
-    "gradient: cosine": lambda r: f"{r['gradient_cosine']:.3f}",
-    "length": lambda r: f"{r['gradient_length']:.3f}",
-    "score": lambda r: f"{r['score_change']:.3f}",
+    "mean": lambda r: f"{r.mean:+.2%} ± {r.mean_error:.2%}",
+    "noise": lambda r: f"{r.noise:.2%}",
+    "ΔE2000": lambda r: f"{r.delta_e:.2f}",
+    "gradient: cosine": lambda r: f"{r.gradient_cosine:.3f}",
+    "length": lambda r: f"{r.gradient_length:.3f}",
+    "score": lambda r: f"{r.score_change:.3f}",
 }
 """Heading → cell of a rung; a bias that noise hides is said to be smaller than what it hides.
 
@@ -33,51 +34,51 @@ COLUMNS = {
 """
 
 
-def write_table(path: Path, report: dict[str, Any]) -> None:
+def write_table(path: Path, report: AccuracyReport) -> None:
     """Markdown: the reference, then all rungs from fast to slow, the Pareto front in bold."""
-    reference, view = report["reference"], report["view"]
+    reference, view = report.reference, report.view
     lines = [
-        f"`{report['scene']}`, view {view['name']}, {view['width']}×{view['height']} pixels.",
+        f"`{report.scene}`, view {view.name}, {view.width}×{view.height} pixels.",
         describe_reference(reference),
-        f"Not reached in the time given: {', '.join(report['not_reached']) or 'nothing'}.",
+        f"Not reached in the time given: {', '.join(report.not_reached) or 'nothing'}.",
         "",
         "| " + " | ".join(COLUMNS) + " |",
         "|" + "---|" * len(COLUMNS),
     ]
-    for rung in sorted(report["rungs"], key=_seconds):
+    for rung in sorted(report.rungs, key=_seconds):
         cells = [cell(rung) for cell in COLUMNS.values()]
-        if rung["name"] in report["front"]:
+        if rung.name in report.front:
             cells[0] = f"**{cells[0]}**"
         lines.append("| " + " | ".join(cells) + " |")
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def describe_reference(reference: dict[str, Any]) -> str:
+def describe_reference(reference: ReferenceRecord) -> str:
     """What it is, whether it has converged, and whether its halves agree."""
     what = "our own renderer"
-    if reference["volpath"]:
+    if reference.volpath:
         what = "`volpath` (the gradients' is our own renderer, for `volpath` has none)"
-    agree = "agree" if reference["halves_agree"] else "DO NOT AGREE"
+    agree = "agree" if reference.halves_agree else "DO NOT AGREE"
     return (
-        f"Reference: {what}, {reference['samples']} rays per pixel, standard error "
-        f"{reference['standard_error']:.2%}{'' if reference['converged'] else ' (not converged)'}; "
-        f"its halves {agree}: their means are {reference['difference_of_means']:+.2%} apart, "
-        f"cosine of their gradients {reference['gradient_cosine']:.3f}."
+        f"Reference: {what}, {reference.samples} rays per pixel, standard error "
+        f"{reference.standard_error:.2%}{'' if reference.converged else ' (not converged)'}; "
+        f"its halves {agree}: their means are {reference.difference_of_means:+.2%} apart, "
+        f"cosine of their gradients {reference.gradient_cosine:.3f}."
     )
 
 
-def write_picture(path: Path, report: dict[str, Any]) -> None:
+def write_picture(path: Path, report: AccuracyReport) -> None:
     """Error over time: all rungs, the Pareto front, and what the plan chose for which target."""
-    shown = [rung for rung in report["rungs"] if rung["error"] > 0]
+    shown = [rung for rung in report.rungs if rung.error > 0]
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    axes.scatter([_seconds(r) for r in shown], [r["error"] for r in shown], s=14, alpha=0.5)
-    front = sorted((r for r in shown if r["name"] in report["front"]), key=_seconds)
-    axes.step([_seconds(r) for r in front], [r["error"] for r in front], where="post", label="best")
+    axes.scatter([_seconds(r) for r in shown], [r.error for r in shown], s=14, alpha=0.5)
+    front = sorted((r for r in shown if r.name in report.front), key=_seconds)
+    axes.step([_seconds(r) for r in front], [r.error for r in front], where="post", label="best")
     for rung in shown:
-        if rung["target"] is not None:
-            axes.scatter(_seconds(rung), rung["error"], marker="*", s=120, color="tab:red")
-            text, where = f"{rung['target']:.0%} asked", (_seconds(rung), rung["error"])
+        if rung.target is not None:
+            axes.scatter(_seconds(rung), rung.error, marker="*", s=120, color="tab:red")
+            text, where = f"{rung.target:.0%} asked", (_seconds(rung), rung.error)
             axes.annotate(text, where, (-8, 8), textcoords="offset points", ha="right")
     axes.set(
         xscale="log", yscale="log", xlabel="processor seconds per view, forward", ylabel="error"
@@ -85,17 +86,17 @@ def write_picture(path: Path, report: dict[str, Any]) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter(PercentFormatter(1))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_title(f"{report['scene']}, view {report['view']['name']}")
+    axes.set_title(f"{report.scene}, view {report.view.name}")
     axes.legend()
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=120)
     plt.close(figure)
 
 
-def _bias(rung: dict[str, Any]) -> str:
-    sign = "" if rung["bias"] > rung["bias_hidden"] else "< "
-    return f"{sign}{max(rung['bias'], rung['bias_hidden']):.2%}"
+def _bias(rung: MeasuredRung) -> str:
+    sign = "" if rung.bias > rung.bias_hidden else "< "
+    return f"{sign}{max(rung.bias, rung.bias_hidden):.2%}"
 
 
-def _seconds(rung: dict[str, Any]) -> float:
-    return float(rung["seconds"]["steady"]["forward"])
+def _seconds(rung: MeasuredRung) -> float:
+    return rung.seconds.steady.forward

@@ -20,6 +20,7 @@ from cnca.core.progress import bar
 from cnca.core.types import LinearImages, LinearTexture
 from cnca.effects.plan import Demand, EffectPlan
 from cnca.jobs.accuracy.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
+from cnca.jobs.accuracy.records import Agreement, PassSeconds
 from cnca.judge.gallery import digest
 from cnca.judge.scores import detection_score
 from cnca.mi_bridge.volpath import exposed_volpath
@@ -57,7 +58,7 @@ class Bench:
 
     def shoot(
         self, demand: Demand, seed: int, scale: float = 1.0
-    ) -> tuple[LinearImages, Tensor, dict[str, float]]:
+    ) -> tuple[LinearImages, Tensor, PassSeconds]:
         """Picture, gradient of the vehicle's mean radiance, processor seconds of both passes."""
         width, height = (max(round(scale * n), 1) for n in (self.view.width, self.view.height))
         view = replace(self.view, width=width, height=height)
@@ -73,7 +74,7 @@ class Bench:
                 functional.interpolate(image, size, mode="bilinear", antialias=False)
             )
         image[0, :, torch.from_numpy(self.mask)].mean().backward()
-        seconds = {"forward": rendered - started, "backward": time.process_time() - rendered}
+        seconds = PassSeconds(rendered - started, time.process_time() - rendered)
         assert albedo.grad is not None
         return LinearImages(image.detach()), albedo.grad, seconds
 
@@ -131,7 +132,7 @@ def converge(
     with bar(console) as progress:
         task = progress.add_task("reference", total=MOST_ROUNDS, completed=reference.rounds)
         while reference.rounds < MOST_ROUNDS:
-            if reference.rounds > 1 and agreement(bench, reference)["standard_error"] < CONVERGED:
+            if reference.rounds > 1 and agreement(bench, reference).standard_error < CONVERGED:
                 break
             if reference.rounds > 0 and time.monotonic() > deadline:
                 break
@@ -150,7 +151,7 @@ def converge(
     return reference
 
 
-def agreement(bench: Bench, reference: Reference) -> dict[str, float | bool]:
+def agreement(bench: Bench, reference: Reference) -> Agreement:
     """How well the halves agree: the standard error of their mean, and of their mean radiance."""
     a, b = (bench.pixels(picture) for picture in reference.picture_halves())
     difference = float(a.mean() / b.mean() - 1)
@@ -158,15 +159,15 @@ def agreement(bench: Bench, reference: Reference) -> dict[str, float | bool]:
     noise = squared_noise((a, b), (a, b)) / 2  # of the mean of both
     first, second = (gradient.flatten() for gradient in reference.gradients)
     cosine = functional.cosine_similarity(first, second, dim=0)
-    return {
-        "samples": 2 * ROUND * reference.rounds,
-        "standard_error": root(noise),
-        "difference_of_means": difference,
-        "halves_agree": abs(difference) <= CHANCE * chance,
-        "converged": root(noise) < CONVERGED,
-        "gradient_cosine": float(cosine),
-        "seconds": round(reference.seconds, 1),
-    }
+    return Agreement(
+        samples=2 * ROUND * reference.rounds,
+        standard_error=root(noise),
+        difference_of_means=difference,
+        halves_agree=abs(difference) <= CHANCE * chance,
+        converged=root(noise) < CONVERGED,
+        gradient_cosine=float(cosine),
+        seconds=round(reference.seconds, 1),
+    )
 
 
 def fingerprint(scene: Scene, view: View, *, volpath: bool = False) -> str:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from cnca.core.errors import DetectorError, did_you_mean
 from cnca.core.manifest import hashes
 from cnca.core.run_folder import RunFolder
 from cnca.detect import TRAINED
 from cnca.train.detector.renders import render_detector_data
-from cnca.train.detector.training import Settings, train_detector
+from cnca.train.detector.training import DetectorReport, Settings, train_detector
 from cnca.train.loop import TrainingLoop
 
 
 def train_builtin(
     out: Path, *, kind: str, pictures: int, epochs: int, seed: int, resume: bool
-) -> dict[str, Any]:
+) -> DetectorReport:
     """Render the pictures into ``out/pictures``, train into ``out/KIND``, return the report.
 
     Raises:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from cnca.core.errors import DetectorError, RunError
-from cnca.core.files import write_text
+from cnca.core.manifest import write_json
+from cnca.core.records import as_json
 from cnca.detect import BUILTIN, BUILTINS, load_detector
 from cnca.train.detector.accuracy import measure
 from cnca.train.detector.dataset import TRAIN, LabelledPictures, TrainingPictures, collate
@@ -42,6 +41,15 @@ class Settings:
     def __post_init__(self) -> None:
         if self.epochs < 1:
             raise RunError(f"--epochs {self.epochs}: a training needs at least one")
+
+
+@dataclass(frozen=True)
+class DetectorReport:
+    """What a training came to."""
+
+    settings: Settings
+    test: dict[str, dict[str, float]]
+    """Group of test pictures → measure → value, as :func:`measure` says."""
 
 
 class DetectorTask(Task[tuple[Tensor, Targets]]):
@@ -101,7 +109,7 @@ def train_detector(
     *,
     template: Path = BUILTINS[BUILTIN],
     resume: bool = False,
-) -> dict[str, Any]:
+) -> DetectorReport:
     """Train the network of ``template`` on ``dataset`` and return the report on its test half.
 
     ``template`` is a Darknet ``.cfg``, or a folder with a ``config.json`` of transformers.  ``out``
@@ -122,8 +130,8 @@ def train_detector(
         raise DetectorError(f"{data.folder}: no boxes to train on")
     detector = start(data, template, out, settings)
     saved = detector.save(loop.run(DetectorTask(detector, data, settings)))
-    report = {"settings": asdict(settings), "test": measure(load_detector(str(saved)), data)}
-    write_text(out / f"{template.stem}.json", json.dumps(report, indent=2) + "\n")
+    report = DetectorReport(settings, measure(load_detector(str(saved)), data))
+    write_json(out / f"{template.stem}.json", as_json(report))
     return report
 
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cnca.core.errors import RunError
 from cnca.effects.subject import TYPICAL
-from cnca.jobs.accuracy.calibrate import MODELS, fit_prices, obtained_error, random_case
+from cnca.jobs.accuracy.calibrate import (
+    MODELS,
+    fit_prices,
+    obtained_error,
+    random_case,
+)
+from cnca.jobs.accuracy.case_records import CaseRecord, NoiseRecord, TimeRecord
 
 HELD_OUT = range(2000, 2012)
 """Seeds of random scenes; those of the shipped prices begin at 0."""
@@ -34,25 +42,23 @@ def test_cases_are_the_same_for_the_same_seed():
     assert 0 <= float(a.albedo.min()) <= float(a.albedo.max()) <= 1
 
 
-def record(ground: float) -> dict:
+def record(ground: float) -> CaseRecord:
     """What a renderer with known laws would measure."""
     errors = {effect.key(model): 0.5 * ground for effect, model in MODELS}
     models = {"interreflection": 2, "sun": "direction", "fog": "none", "materials": "coat"}
     models |= {"samples": 16}
     more = models | {"interreflection": 3}
-    return {
-        "features": [1.0, np.log(ground), 0.0, 0.0, 0.0],
-        "known": {key: 0.5 if key == "fog=none" else 1.0 for key in errors},
-        "errors": errors,
-        "noise": [
-            {
-                "features": [1.0, np.log(ground), 0.0, 0.0, 0.0, 0.0, np.log(n / TYPICAL)],
-                "noise": 0.2 * (n / TYPICAL) ** -0.6,
-            }
+    features = [1.0, float(np.log(ground)), 0.0, 0.0, 0.0]
+    return CaseRecord(
+        features=features,
+        known={key: 0.5 if key == "fog=none" else 1.0 for key in errors},
+        errors=errors,
+        noise=[
+            NoiseRecord([*features, 0.0, float(np.log(n / TYPICAL))], 0.2 * (n / TYPICAL) ** -0.6)
             for n in (4, 16, 64)
         ],
-        "timed": [{"models": models, "seconds": 0.3}, {"models": more, "seconds": 0.35}],
-    }
+        timed=[TimeRecord(models, 0.3), TimeRecord(more, 0.35)],
+    )
 
 
 def test_the_fit_finds_known_laws():
@@ -60,7 +66,7 @@ def test_the_fit_finds_known_laws():
     assert -prices.noise.weights[-1] == pytest.approx(0.6, rel=0.01)
     assert prices.seconds["interreflection"] == pytest.approx(0.05, rel=0.01)
     for ground in (0.05, 0.5):
-        features = record(ground)["features"]
+        features = record(ground).features
         assert prices.noise.error([*features, 0.0, 0.0]) == pytest.approx(0.2, rel=0.02)
         assert prices.errors["interreflection=1"].error(features) == pytest.approx(
             0.5 * ground, rel=0.1
@@ -69,7 +75,7 @@ def test_the_fit_finds_known_laws():
 
 
 def test_too_few_scenes_are_refused():
-    clear = record(0.2)
-    del clear["errors"]["fog=none"]
+    foggy = record(0.2)
+    errors = {key: error for key, error in foggy.errors.items() if key != "fog=none"}
     with pytest.raises(RunError, match="none of them shows fog=none"):
-        fit_prices([clear])
+        fit_prices([replace(foggy, errors=errors)])

@@ -1,5 +1,6 @@
 """The generator's price list: its numbers against closed forms, and the command on a tiny model."""
 
+import dataclasses
 import json
 
 import pytest
@@ -18,25 +19,22 @@ def test_cosine_and_length_against_the_full_gradient():
         2: [torch.tensor([1.0, 1.0]), torch.tensor([0.0, 6.0])],
     }
     short, full = generator_accuracy.prices(gradients, {1: [0.5, 0.4], 2: [1.0, 0.7]})
-    assert short["cosine"] == pytest.approx((0.5**0.5 + 1) / 2)
-    assert short["length"] == pytest.approx((0.5**0.5 + 0.5) / 2)
-    assert full == {
-        "steps": 2,
-        "seconds": 1.0,
-        "seconds_kept": 0.7,
-        "cosine": pytest.approx(1),
-        "length": 1.0,
-    }
+    assert short.cosine == pytest.approx((0.5**0.5 + 1) / 2)
+    assert short.length == pytest.approx((0.5**0.5 + 0.5) / 2)
+    assert full.cosine == pytest.approx(1)
+    assert (full.steps, full.seconds, full.seconds_kept, full.length) == (2, 1.0, 0.7, 1.0)
 
 
 def test_the_command_writes_table_picture_and_numbers(tiny_folder, tmp_path):  # noqa: F811
     out = tmp_path / "prices"
     request = GradientRequest(out, "zebra", generator=tiny_folder, probes=1)
     report = generator_accuracy.generator_accuracy(request, Console(quiet=True))
-    assert json.loads((out / "generator.json").read_text())["prices"] == report["prices"]
-    rows = {row["steps"]: row for row in report["prices"]}
-    assert rows[20]["cosine"] == pytest.approx(1)
-    assert rows[1]["seconds"] < rows[20]["seconds"]
+    assert json.loads((out / "generator.json").read_text())["prices"] == [
+        dataclasses.asdict(row) for row in report.prices
+    ]
+    rows = {row.steps: row for row in report.prices}
+    assert rows[20].cosine == pytest.approx(1)
+    assert rows[1].seconds < rows[20].seconds
     assert (out / "generator.md").read_text().count("\n") == 2 + len(rows)
     assert (out / "generator.png").stat().st_size > 1000
 

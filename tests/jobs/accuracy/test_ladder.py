@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import pytest
@@ -11,11 +12,13 @@ from rich.console import Console
 
 from cnca import cli
 from cnca.core.errors import RunError
+from cnca.core.records import as_json
 from cnca.effects.plan import Demand
 from cnca.jobs.accuracy import ladder as command
 from cnca.jobs.accuracy import reference as reference_module
 from cnca.jobs.accuracy.ladder import Rung, accuracy, pareto_front
 from cnca.jobs.accuracy.price_list import describe_reference
+from cnca.jobs.accuracy.records import ReferenceRecord
 from cnca.jobs.accuracy.request import AccuracyRequest
 from cnca.scene.schema import load_scene
 
@@ -54,7 +57,7 @@ def measured(scene):
 
 def test_files_and_report_agree(measured):
     out, report = measured
-    assert json.loads((out / "accuracy.json").read_text()) == json.loads(json.dumps(report))
+    assert json.loads((out / "accuracy.json").read_text()) == as_json(report)
     table = (out / "accuracy.md").read_text()
     assert all(rung.name in table for rung in RUNGS)
     assert "Not reached in the time given: nothing." in table
@@ -62,30 +65,30 @@ def test_files_and_report_agree(measured):
 
 
 def test_reference_says_how_well_its_halves_agree(measured):
-    reference = measured[1]["reference"]
-    assert reference["samples"] == 2 * 2 * 64
-    assert 0 < reference["standard_error"] < 0.1
-    assert abs(reference["difference_of_means"]) < 0.05
-    assert reference["gradient_cosine"] > 0.9
-    assert reference["halves_agree"]
-    assert reference["converged"] == (reference["standard_error"] < 0.005)
+    reference = measured[1].reference
+    assert reference.samples == 2 * 2 * 64
+    assert 0 < reference.standard_error < 0.1
+    assert abs(reference.difference_of_means) < 0.05
+    assert reference.gradient_cosine > 0.9
+    assert reference.halves_agree
+    assert reference.converged == (reference.standard_error < 0.005)
 
 
 def test_errors_are_made_of_bias_and_noise(measured):
-    rungs = {rung["name"]: rung for rung in measured[1]["rungs"]}
+    rungs = {rung.name: rung for rung in measured[1].rungs}
     assert set(rungs) == {rung.name for rung in RUNGS}
     for rung in rungs.values():
-        squares = sum(abs(rung[part]) * rung[part] for part in ("bias", "noise"))
-        assert rung["error"] ** 2 == pytest.approx(squares, rel=0.3)
-        assert rung["seconds"]["steady"]["forward"] > 0
-        assert rung["delta_e"] > 0
+        squares = sum(abs(part) * part for part in (rung.bias, rung.noise))
+        assert rung.error**2 == pytest.approx(squares, rel=0.3)
+        assert rung.seconds.steady.forward > 0
+        assert rung.delta_e > 0
     one, two, half = (rungs[name] for name in ("1 reflection", "16 spp", "half resolution"))
-    assert one["bias"] > max(two["bias"], 0) + 0.02, "light from the ground is missing"
-    assert half["bias"] > 0.05, "edges are blurred"
-    assert abs(two["mean"]) < 0.02 + 3 * two["mean_error"]
-    assert one["mean"] < -0.02 - 3 * one["mean_error"], "the same light is missing from the mean"
-    assert two["gradient_cosine"] > 0.9
-    assert two["gradient_length"] == pytest.approx(1, abs=0.1)
+    assert one.bias > max(two.bias, 0) + 0.02, "light from the ground is missing"
+    assert half.bias > 0.05, "edges are blurred"
+    assert abs(two.mean) < 0.02 + 3 * two.mean_error
+    assert one.mean < -0.02 - 3 * one.mean_error, "the same light is missing from the mean"
+    assert two.gradient_cosine > 0.9
+    assert two.gradient_length == pytest.approx(1, abs=0.1)
 
 
 def test_a_second_call_measures_nothing_again(measured, scene, monkeypatch):
@@ -94,7 +97,14 @@ def test_a_second_call_measures_nothing_again(measured, scene, monkeypatch):
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 2)
     monkeypatch.setattr(command, "measure", lambda *arguments: pytest.fail("measured again"))
     again = accuracy(AccuracyRequest(scene, out, 600), QUIET)
-    assert again["rungs"] == report["rungs"]
+    assert again.rungs == report.rungs
+
+
+def test_a_damaged_report_is_refused_before_anything_is_rendered(scene, tmp_path):
+    (tmp_path / "accuracy.json").write_text('{"rungs": []}')
+    with pytest.raises(RunError, match=r"accuracy\.json: scene: Field required; delete it"):
+        accuracy(AccuracyRequest(scene, tmp_path, 600), QUIET)
+    assert not list(tmp_path.glob("reference_*"))
 
 
 def test_what_the_budget_does_not_reach_is_named(measured, scene, monkeypatch, tmp_path):
@@ -103,7 +113,7 @@ def test_what_the_budget_does_not_reach_is_named(measured, scene, monkeypatch, t
 
     def slow(*arguments):
         clock.now += 400
-        return measured[1]["rungs"][0]
+        return measured[1].rungs[0]
 
     monkeypatch.setattr(command, "time", clock)
     monkeypatch.setattr(command, "ladder", lambda: iter(RUNGS))
@@ -111,13 +121,13 @@ def test_what_the_budget_does_not_reach_is_named(measured, scene, monkeypatch, t
     monkeypatch.setattr(reference_module, "ROUND", 4)
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
     report = accuracy(AccuracyRequest(scene, tmp_path, 600), QUIET)
-    assert len(report["rungs"]) == 1
-    assert len(report["not_reached"]) == len(RUNGS) - 1
-    assert report["not_reached"][0] in (tmp_path / "accuracy.md").read_text()
+    assert len(report.rungs) == 1
+    assert len(report.not_reached) == len(RUNGS) - 1
+    assert report.not_reached[0] in (tmp_path / "accuracy.md").read_text()
 
 
 def test_another_scene_needs_another_reference(measured, scene):
-    key = measured[1]["reference"]["key"]
+    key = measured[1].reference.key
     assert [path.name for path in measured[0].glob("reference_*")] == [f"reference_{key}.pt"]
     darker = scene.with_name("darker.yaml")
     darker.write_text(SCENE + "sun: {altitude: 10}\n")
@@ -129,8 +139,9 @@ def test_another_scene_needs_another_reference(measured, scene):
 
 
 def test_the_front_holds_what_no_faster_rung_beats():
-    def rung(name: str, seconds: float, error: float) -> dict:
-        return {"name": name, "seconds": {"steady": {"forward": seconds}}, "error": error}
+    def rung(name: str, seconds: float, error: float) -> SimpleNamespace:
+        steady = SimpleNamespace(forward=seconds)
+        return SimpleNamespace(name=name, seconds=SimpleNamespace(steady=steady), error=error)
 
     rungs = [rung("c", 3, 0.2), rung("a", 1, 0.5), rung("b", 2, 0.6), rung("d", 4, 0.1)]
     assert pareto_front(rungs) == ["a", "c", "d"]
@@ -186,14 +197,14 @@ def test_volpath_is_the_truth_about_fog(foggy, monkeypatch):
     monkeypatch.setattr(reference_module, "MOST_ROUNDS", 1)
     out = foggy.parent / "volpath"
     report = accuracy(AccuracyRequest(foggy, out, 600, volpath=True), QUIET)
-    usual, bare = report["rungs"]
-    assert usual["mean_error"] < 0.05
-    assert abs(usual["mean"]) < 0.04 + 3 * usual["mean_error"]  # README: 3 to 4 % at worst
-    assert usual["bias"] < bare["bias"] / 2, "contrast that fog would take"
-    assert bare["bias"] > bare["bias_hidden"]
+    usual, bare = report.rungs
+    assert usual.mean_error < 0.05
+    assert abs(usual.mean) < 0.04 + 3 * usual.mean_error  # README: 3 to 4 % at worst
+    assert usual.bias < bare.bias / 2, "contrast that fog would take"
+    assert bare.bias > bare.bias_hidden
     table = (out / "accuracy.md").read_text()
     assert "Reference: `volpath` (the gradients' is our own renderer" in table
-    assert f"± {usual['mean_error']:.2%}" in table
+    assert f"± {usual.mean_error:.2%}" in table
 
 
 @pytest.mark.parametrize("fog", ["", "fog: {visibility: 60, height: 0}\n"])
@@ -217,7 +228,10 @@ def test_halves_that_differ_are_said_to():
         return reference_module.Reference(1, 0.0, [a, factor * b], gradients)
 
     same, other = (reference_module.agreement(Bench(), halves(factor)) for factor in (1.0, 1.1))
-    assert same["halves_agree"]
-    assert not other["halves_agree"]
-    assert "halves DO NOT AGREE" in describe_reference(other | {"volpath": False})
-    assert "(not converged)" in describe_reference(other | {"volpath": True})
+    assert same.halves_agree
+    assert not other.halves_agree
+    for volpath in (False, True):
+        text = describe_reference(ReferenceRecord(**asdict(other), key="", volpath=volpath))
+        assert "halves DO NOT AGREE" in text
+        assert "(not converged)" in text
+        assert ("`volpath`" in text) == volpath

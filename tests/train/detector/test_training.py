@@ -8,6 +8,7 @@ import torch
 
 from cnca.core.boxes import cxcywh_to_xyxy
 from cnca.core.errors import DetectorError, RunError
+from cnca.core.records import as_json
 from cnca.detect import load_detector
 from cnca.detect.cfg import read_config
 from cnca.detect.darknet import Darknet
@@ -179,8 +180,8 @@ class TestOtherKinds:
         detector = load_detector(str(tmp_path / other_template.name if is_file else tmp_path))
         assert detector.class_names == ("rectangle",)
         assert detector.differentiable
-        assert measure(detector, LabelledPictures(shapes)) == report["test"]
-        assert json.loads((tmp_path / f"{other_template.stem}.json").read_text()) == report
+        assert measure(detector, LabelledPictures(shapes)) == report.test
+        assert json.loads((tmp_path / f"{other_template.stem}.json").read_text()) == as_json(report)
 
     def test_interrupted_training(self, shapes, other_template, tmp_path, interrupted):
         settings = Settings(epochs=2, batch=16)
