@@ -18,7 +18,8 @@ from cnca import build
 from cnca.core.errors import RunError, SceneError
 from cnca.core.pictures import TRUTH, SrgbPicture, write_png
 from cnca.core.progress import bar
-from cnca.jobs.datasets.layout import DataSet, Mask
+from cnca.jobs.datasets.coco import Mask
+from cnca.jobs.datasets.layout import DataSet
 from cnca.scene.cameras import View
 from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
 from cnca.scene.schema import load_scene

@@ -25,7 +25,8 @@ from cnca.core.progress import bar
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
 from cnca.effects.plan import Demand
-from cnca.jobs.datasets.layout import DataSet, Mask
+from cnca.jobs.datasets.coco import Mask
+from cnca.jobs.datasets.layout import DataSet
 from cnca.jobs.datasets.request import DatasetRequest
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
 from cnca.scene.cameras import View

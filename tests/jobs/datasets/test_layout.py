@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from cnca.core.errors import RunError
-from cnca.jobs.datasets.layout import DataSet, category, run_lengths
+from cnca.jobs.datasets.coco import RunLengths, category, run_lengths
+from cnca.jobs.datasets.layout import DataSet
 from cnca.scene.layers import Sighting
 
 
@@ -48,7 +49,7 @@ def test_files_come_back(data):
     assert np.array_equal(read, picture(1))
     grey = cv2.imread(str(data.path("masks", 1)), cv2.IMREAD_GRAYSCALE) / 255
     assert np.allclose(grey, mask(1), atol=1 / 255)
-    assert data.record(0)["box_xyxy"] == [0, 2, 10, 8]
+    assert data.entry(0).record.box_xyxy == (0, 2, 10, 8)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ def test_files_come_back(data):
 )
 def test_categories_are_numbered_as_coco_does(label, number, above):
     found = category(label)
-    assert (found["id"], found["supercategory"]) == (number, above)
+    assert (found.id, found.supercategory) == (number, above)
 
 
 def test_annotations_are_coco(data):
@@ -81,8 +82,8 @@ def test_annotations_are_coco(data):
 
 
 def test_run_lengths_begin_with_what_is_empty():
-    assert run_lengths(np.array([[1.0, 0], [0, 0]])) == {"size": [2, 2], "counts": [0, 1, 3]}
-    assert run_lengths(np.zeros((2, 2)))["counts"] == [4]
+    assert run_lengths(np.array([[1.0, 0], [0, 0]])) == RunLengths((2, 2), [0, 1, 3])
+    assert run_lengths(np.zeros((2, 2))).counts == [4]
 
 
 def test_tars_hold_a_thousand_numbers_each_and_have_the_same_bytes_each_time(data):
@@ -109,6 +110,9 @@ def test_damaged_records_and_empty_pictures_are_refused(data):
     data.path("records", 1).write_text("{")
     with pytest.raises(RunError, match=r"000001\.json: damaged; delete it"):
         data.finish(tar=False)
+    data.path("records", 0).write_text("{}")
+    with pytest.raises(RunError, match=r"000000\.json: index: Field required; delete it"):
+        data.entry(0)
     with pytest.raises(RunError, match="without the vehicle"):
         data.add(2, picture(2), np.zeros((12, 20)), Note("empty", 2))
 
