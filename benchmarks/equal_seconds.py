@@ -26,6 +26,7 @@ from texels import BOUND, SIZE, Texels
 from cnca import build
 from cnca.attack.loop import Attack, Progress, Settings, optimize, start
 from cnca.attack.objectives import paper
+from cnca.attack.records import StepRecord
 from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import read_json, write_json
 from cnca.core.types import SrgbTexture
@@ -81,7 +82,7 @@ class Contest:
         )
         progress = start(attack, settings)
 
-        def after_step(progress: Progress, record: dict[str, float]) -> None:
+        def after_step(progress: Progress, record: StepRecord) -> None:
             if time.process_time() > deadline:
                 raise TimeUp
 

@@ -52,7 +52,7 @@ def interval(values: list[float]) -> str:
 def cells(variable: str, objective: str, rows: list[Row]) -> list[str]:
     """A row of the table."""
     attacked, cut = (
-        [one.summary["AP@0.5"][name] for one in rows] for name in ("after", "shuffled")
+        [one.summary.average_precision[name] for one in rows] for name in ("after", "shuffled")
     )
     return [
         variable,

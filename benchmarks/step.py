@@ -31,6 +31,7 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 from cnca import build
 from cnca.attack import checkpoint
 from cnca.attack.loop import WEATHERS, Attack, Progress, Settings, optimize, start
+from cnca.attack.records import StepRecord
 from cnca.attack.targets import look, weighted_loss
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
@@ -85,7 +86,7 @@ def backward(attack: Attack, turns: int) -> dict[str, float]:
 def rounds(attack: Attack) -> dict[str, Any]:
     """Two rounds of all weathers by the attack's own loop; the second is looked at."""
     settings = Settings("zebra", steps=2 * WEATHERS, views_per_step=4, view_pool=4 * WEATHERS)
-    records: list[dict[str, Any]] = []
+    records: list[StepRecord] = []
     ends: list[float] = []
 
     with (
@@ -93,7 +94,7 @@ def rounds(attack: Attack) -> dict[str, Any]:
         dr.scoped_set_flag(dr.JitFlag.KernelHistory, True),
     ):
 
-        def after_step(progress: Progress, record: dict[str, Any]) -> None:
+        def after_step(progress: Progress, record: StepRecord) -> None:
             checkpoint.save(progress, Path(folder) / "checkpoint.pt")
             records.append(record)
             ends.append(time.perf_counter())
@@ -104,7 +105,7 @@ def rounds(attack: Attack) -> dict[str, Any]:
         kernels = [k for k in dr.kernel_history() if "cache_hit" in k]
     names = ("generate", "render", "detect", "backward")
     second = records[WEATHERS:]
-    parts = {name: np.array([record[f"seconds_{name}"] for record in second]) for name in names}
+    parts = {name: np.array([record.seconds[name] for record in second]) for name in names}
     total = np.diff(ends)[WEATHERS - 1 :]
     outside = 1 - np.sum(list(parts.values()), axis=0) / total
     return {

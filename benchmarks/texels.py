@@ -20,6 +20,7 @@ from torch import Tensor
 from cnca import build
 from cnca.attack.loop import Attack, Progress, Settings, optimize, start
 from cnca.attack.objectives import paper
+from cnca.attack.records import StepRecord
 from cnca.core.images import write_texture_srgb
 from cnca.core.types import SrgbTexture
 from cnca.judge.evaluate import evaluate
@@ -80,8 +81,8 @@ def main() -> None:
         start_spread=0.5,
     )
 
-    def after_step(progress: Progress, record: dict[str, float]) -> None:
-        print(f"step {progress.step}: D_s {record['D_s']:.3f}", flush=True)
+    def after_step(progress: Progress, record: StepRecord) -> None:
+        print(f"step {progress.step}: D_s {record.D_s:.3f}", flush=True)
 
     feature = optimize(attack, settings, start(attack, settings), after_step)
     texture = attack.texture(torch.zeros(0), feature, 0)

@@ -19,6 +19,7 @@ from cnca.attack import checkpoint
 from cnca.attack.loop import optimize, start
 from cnca.attack.settings import Settings
 from cnca.core import parallel
+from cnca.core.records import as_json
 from tests.fake_attack import NoisyGreyGenerator, SlantedRenderer, attack
 
 SETTINGS = Settings(
@@ -40,7 +41,7 @@ def run_rank(folder: Path, die_at: int | None = None) -> None:
         checkpoint.restore(progress, saved)
 
     def after_step(progress, record):
-        records.append({k: v for k, v in record.items() if not k.startswith("seconds_")})
+        records.append({k: v for k, v in as_json(record).items() if not k.startswith("seconds_")})
         if parallel.rank() == 0:
             checkpoint.save(progress, saved)
         last = parallel.rank() == parallel.count() - 1

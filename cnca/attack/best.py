@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from cnca.attack.parts import Attack
+from cnca.attack.records import Readings
 from cnca.attack.settings import Settings
-from cnca.attack.targets import look, numbers
+from cnca.attack.targets import look, readings
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import NonFiniteError
@@ -64,13 +64,13 @@ class Validation:
         )
 
     @torch.no_grad()
-    def look(self, latents: Latents) -> dict[str, Any]:
-        """What the targets see of these latents; keys as in :func:`cnca.attack.targets.numbers`."""
+    def look(self, latents: Latents) -> Readings:
+        """What the targets see of these latents."""
         seed = self.settings.seed
         return self.look_at(self.attack.texture(self.text_feature, latents, seed, together=True))
 
     @torch.no_grad()
-    def look_at(self, texture: SrgbTexture) -> dict[str, Any]:
+    def look_at(self, texture: SrgbTexture) -> Readings:
         """The same of a texture."""
         attack = self.attack
         albedo = attack.paint.apply(texture)
@@ -81,4 +81,4 @@ class Validation:
             boxes = attack.renderer.vehicle_boxes(views)
             seen += look(attack.objective, attack.targets, linear_to_srgb(images), boxes)
         parallel.add_up(seen)
-        return numbers(attack.targets, seen / WEATHERS)
+        return readings(attack.targets, seen / WEATHERS)

@@ -27,10 +27,11 @@ from cnca.attack import variables
 from cnca.attack.best import Best, Validation
 from cnca.attack.jitter import jittered
 from cnca.attack.parts import Attack
+from cnca.attack.records import StepRecord, step_record
 from cnca.attack.settings import WEATHERS, Settings
 from cnca.attack.targets import (
     look,
-    numbers,
+    readings,
     refuse_black_boxes,
     refuse_non_finite,
     weighted_loss,
@@ -74,13 +75,11 @@ def optimize(
     attack: Attack,
     settings: Settings,
     progress: Progress,
-    after_step: Callable[[Progress, dict[str, Any]], None],
+    after_step: Callable[[Progress, StepRecord], None],
 ) -> Latents:
     """Run the attack to its last step, or until checks bring nothing; returns what it came to.
 
-    ``after_step`` is given the progress and a record of the step: step, loss (L_adv, weighted and
-    summed over the targets), detection score (mean of max D_s, likewise weighted), both again for
-    each target, the same of the validation views after a check, and the seconds of each part.
+    ``after_step`` is given the progress and the record of the step.
 
     Raises:
         DetectorError: a detector gives no gradient.
@@ -121,12 +120,12 @@ def optimize(
         moved.project()
 
         progress.step += 1
-        record = {"step": progress.step, **numbers(attack.targets, seen)}
+        record, checked = readings(attack.targets, seen), None
         if settings.checks(progress.step):
             with clock("check"):
-                record["validation"] = validation.look(moved.latents)
-            best.offer(moved.copy(), record["validation"]["loss_adv"], progress.step)
-        after_step(progress, record | clock.seconds())
+                checked = validation.look(moved.latents)
+            best.offer(moved.copy(), checked.loss_adv, progress.step)
+        after_step(progress, step_record(progress.step, record, checked, clock.seconds()))
     return progress.result
 
 
@@ -175,7 +174,5 @@ class Clock:
         self._parts[name] = time.perf_counter() - started
 
     def seconds(self) -> dict[str, float]:
-        """``seconds_NAME`` for each part and ``seconds_total``."""
-        total = time.perf_counter() - self._started
-        named = {f"seconds_{name}": round(value, 6) for name, value in self._parts.items()}
-        return named | {"seconds_total": round(total, 6)}
+        """By name, those of each part and, as ``total``, those since the clock was made."""
+        return self._parts | {"total": time.perf_counter() - self._started}

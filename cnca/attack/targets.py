@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from cnca.attack.detection_scores import best_scores
+from cnca.attack.records import Reading, Readings
 from cnca.core.errors import DetectorError, NonFiniteError, RunError
 from cnca.core.types import Boxes, SrgbImages
 from cnca.scene.protocols import Detector, Objective
@@ -69,17 +69,17 @@ def weighted_loss(targets: Sequence[Target], seen: Seen) -> Float[Tensor, ""]:
     return seen[0] @ seen.new_tensor([target.weight for target in targets])
 
 
-def numbers(targets: Sequence[Target], seen: Seen) -> dict[str, Any]:
-    """The summed loss as ``loss_adv``, ``D_s`` averaged by weight, and both of each by its name."""
+def readings(targets: Sequence[Target], seen: Seen) -> Readings:
+    """The summed loss, the score averaged by weight, and both of each target by its name."""
     weights = seen.new_tensor([target.weight for target in targets])
-    return {
-        "loss_adv": weighted_loss(targets, seen).item(),
-        "D_s": (seen[1] @ weights / weights.sum()).item(),
-        "targets": {
-            target.name: {"loss_adv": loss, "D_s": score}
+    return Readings(
+        loss_adv=weighted_loss(targets, seen).item(),
+        D_s=(seen[1] @ weights / weights.sum()).item(),
+        targets={
+            target.name: Reading(loss, score)
             for target, (loss, score) in zip(targets, seen.T.tolist(), strict=True)
         },
-    }
+    )
 
 
 def parse_targets(words: Sequence[str]) -> dict[str, float]:

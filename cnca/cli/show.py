@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from cnca.jobs.train_efr import EfrReport
     from cnca.jobs.vehicle.reorder_uv import Reordering
     from cnca.judge.records import Evidence, PhotoEvidence
+    from cnca.judge.summary import Summary
 
 LAYOUT = {
     "charts": "charts",
@@ -80,16 +81,16 @@ def measured(path: Path, *following: list[object]) -> None:
     ending({what: path.with_suffix(suffix) for what, suffix in files.items()}, *following)
 
 
-def attack(request: Request, summary: dict[str, Any]) -> None:
+def attack(request: Request, summary: Summary) -> None:
     """How an attack went."""
     rows = [
-        [meaning, f"{summary[f'score_{name}']:.3f}", f"{summary['AP@0.5'][name]:.3f}"]
+        [meaning, f"{summary.score(name):.3f}", f"{summary.average_precision[name]:.3f}"]
         for name, meaning in MEANING.items()
-        if name in summary["AP@0.5"]
+        if name in summary.average_precision
     ]
     table(["texture", "detection score", "AP@0.5"], rows)
-    line(f"camouflage over shuffled control: {summary['ratio_to_shuffled']:.2f}")
-    line(f"camouflage over the strongest control: {summary['ratio_to_controls']:.2f}")
+    line(f"camouflage over shuffled control: {summary.ratio_to_shuffled:.2f}")
+    line(f"camouflage over the strongest control: {summary.ratio_to_controls:.2f}")
     out, scene = request.out, request.scene
     ending(
         {

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from cnca.core.records import read_record
+from cnca.judge.summary import Summary
 from cnca.report.attack import before_after
 from cnca.report.blocks import Gallery, Part, Picture, Prose
 from cnca.report.markdown import as_html
@@ -19,13 +20,29 @@ TITLES = {
 }
 
 
-def comparison_parts(folder: Path, content: Mapping[str, Any], *, name: str) -> list[Part]:
-    """The table, the textures and a slider through all runs of ``name``.json."""
-    runs = []
-    for row in content["rows"]:
-        own = folder / row["folder"]
-        summary = json.loads((own / "summary.json").read_text(encoding="utf-8"))
-        runs.append((row["label"], own, summary))
+@dataclass(frozen=True)
+class ComparedRun:
+    """One attack of a table."""
+
+    label: str
+    folder: str
+    """Below that of the table."""
+
+
+@dataclass(frozen=True)
+class ComparedRuns:
+    """The attacks of a table, in its order."""
+
+    rows: Sequence[ComparedRun]
+
+
+def comparison_parts(path: Path) -> list[Part]:
+    """The table, the textures and a slider through all runs of ``path``, a table's numbers."""
+    folder, name = path.parent, path.stem
+    runs = [
+        (row.label, folder / row.folder, read_record(Summary, folder / row.folder / "summary.json"))
+        for row in read_record(ComparedRuns, path).rows
+    ]
     textures = [
         Picture(file_uri(own / "texture.png"), f"texture, {label}", label) for label, own, _ in runs
     ]

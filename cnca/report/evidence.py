@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cnca.core.pictures import SrgbPicture
+from cnca.core.records import read_record
 from cnca.judge.rows import NORMAL
 from cnca.report.blocks import Gallery, Part, Picture, Prose, Slider, Strip
 from cnca.report.markdown import as_html
@@ -24,13 +25,23 @@ PICTURES = {
 """File → what it shows."""
 
 
-def evidence_parts(folder: Path, results: Mapping[str, Any]) -> list[Part]:
-    """Tables and comparisons, a slider for each scene, the pictures."""
+@dataclass(frozen=True)
+class Pictured:
+    """What of an evaluation's numbers leads to its pictures."""
+
+    rows: Sequence[str]
+    scenes: Sequence[str] = ()
+    """None where photographs were judged."""
+
+
+def evidence_parts(path: Path) -> list[Part]:
+    """Tables and comparisons, a slider for each scene, the pictures; ``path``: the results."""
+    folder, results = path.parent, read_record(Pictured, path)
     text = (folder / "results.md").read_text(encoding="utf-8").partition("## Pictures")[0]
     title, _, tables = text.partition("\n")
     sliders = [
-        Part(f"Before and after: {scene}", [_slider(folder / "pictures" / scene, results["rows"])])
-        for scene in results.get("scenes", [])
+        Part(f"Before and after: {scene}", [_slider(folder / "pictures" / scene, results.rows)])
+        for scene in results.scenes
         if (folder / "pictures" / scene / NORMAL).is_dir()
     ]
     shown = [

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cnca.core.errors import RunError
+from cnca.core.manifest import Manifest
 from cnca.report.attack import attack_parts
 from cnca.report.blocks import Details, Gallery, Part, Picture, Prose
 from cnca.report.comparison import TITLES, comparison_parts
@@ -17,7 +17,8 @@ from cnca.report.markdown import as_html
 from cnca.report.tables import table
 from cnca.report.webpage import file_uri
 
-Reader = Callable[[Path, Mapping[str, Any]], list[Part]]
+Reader = Callable[[Path], list[Part]]
+"""Takes the file that a finished command leaves."""
 
 
 def read_parts(folder: Path) -> list[Part]:
@@ -40,29 +41,30 @@ def read_parts(folder: Path) -> list[Part]:
 
 def _read(path: Path, reader: Reader) -> list[Part]:
     try:
-        return reader(path.parent, json.loads(path.read_text(encoding="utf-8")))
+        return reader(path)
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise RunError(f"{path}: damaged or not complete ({reason}); run it again") from error
 
 
-def _prices(folder: Path, _content: Mapping[str, Any], *, name: str, title: str) -> list[Part]:
+def _prices(path: Path, *, title: str) -> list[Part]:
     """A price list: its picture and its table."""
-    numbers = as_html((folder / f"{name}.md").read_text(encoding="utf-8"))
-    picture = Picture(file_uri(folder / f"{name}.png"), f"{title}, drawn from the table below")
+    numbers = as_html(path.with_suffix(".md").read_text(encoding="utf-8"))
+    picture = Picture(file_uri(path.with_suffix(".png")), f"{title}, drawn from the table below")
     return [Part(title, [Gallery([picture]), Prose(numbers)])]
 
 
-def _manifest(_folder: Path, content: Mapping[str, Any]) -> list[Part]:
+def _manifest(path: Path) -> list[Part]:
     """What was asked for, what ran, and what was read."""
-    asked = content["request"]
+    content = Manifest.read(path)
+    asked = content.request
     plain = {key: value for key, value in asked.items() if not isinstance(value, dict)}
     nested = {
         key: value for own in asked.values() if isinstance(own, dict) for key, value in own.items()
     }
     request = [[f"`{key}`", _words(value)] for key, value in (plain | nested).items()]
-    versions = [[name, version] for name, version in content["versions"].items()]
-    inputs = [[f"`{name}`", f"`{digest}`"] for name, digest in content["inputs"].items()]
+    versions = [[name, version] for name, version in content.versions.items()]
+    inputs = [[f"`{name}`", f"`{digest}`"] for name, digest in content.inputs.items()]
     return [
         Part(
             "Manifest",
@@ -84,8 +86,8 @@ def _words(value: Any) -> str:
 READERS: dict[str, Reader] = {
     "summary.json": attack_parts,
     "results.json": evidence_parts,
-    "accuracy.json": partial(_prices, name="accuracy", title="What accuracy costs"),
-    "generator.json": partial(_prices, name="generator", title="What the gradient costs"),
-    **{f"{name}.json": partial(comparison_parts, name=name) for name in TITLES},
+    "accuracy.json": partial(_prices, title="What accuracy costs"),
+    "generator.json": partial(_prices, title="What the gradient costs"),
+    **{f"{name}.json": comparison_parts for name in TITLES},
 }
 """File that a finished command leaves → what makes its parts."""

@@ -35,7 +35,7 @@ def search(settings, progress=None, stop_after=None, path=None):
 
     def after_step(progress, record):
         records.append(record)
-        if record["step"] == stop_after:
+        if record.step == stop_after:
             checkpoint.save(progress, path)
             raise KeyboardInterrupt
 
@@ -50,20 +50,20 @@ def test_the_best_is_kept_not_the_last():
     best, records = search(replace(SETTINGS, steps=8))
     assert last.sum() == pytest.approx(0, abs=1e-6)
     assert best.sum() == pytest.approx(-0.6)
-    losses = [record["validation"]["loss_adv"] for record in records]
+    losses = [record.validation.loss_adv for record in records]
     assert losses[0] == min(losses) < losses[1]
-    assert set(records[0]["validation"]["targets"]) == {"brightness"}
+    assert set(records[0].validation.targets) == {"brightness"}
 
 
 def test_patience_ends_the_search():
     best, records = search(replace(SETTINGS, patience=3))
-    assert [record["step"] for record in records] == [1, 2, 3, 4]
+    assert [record.step for record in records] == [1, 2, 3, 4]
     assert best.sum() == pytest.approx(-0.6)
 
 
 def test_checks_come_every_so_many_steps_and_at_the_end():
     _, records = search(replace(SETTINGS, check_every=4))
-    assert [r["step"] for r in records if "validation" in r] == [4, 8, 9]
+    assert [r.step for r in records if r.validation] == [4, 8, 9]
 
 
 def test_a_check_that_brings_no_number_is_told():
@@ -80,7 +80,7 @@ def test_an_interrupted_search_ends_as_if_it_had_not_been(tmp_path, stop_after):
     checkpoint.restore(progress, path)
     again, second = search(settings, progress)
     assert torch.equal(again, whole)
-    assert [r["step"] for r in first + second] == [r["step"] for r in records]
+    assert [r.step for r in first + second] == [r.step for r in records]
 
 
 def test_validation_views_are_of_their_own():

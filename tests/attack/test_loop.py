@@ -23,7 +23,7 @@ def run(settings: Settings, progress=None, stop_after: int | None = None):
 
     def after_step(progress, record):
         records.append(record)
-        if record["step"] == stop_after:
+        if record.step == stop_after:
             raise KeyboardInterrupt
 
     attacked = attack()
@@ -44,9 +44,9 @@ def test_fakes_keep_the_contracts():
 
 def test_lowers_the_score_and_says_so():
     _, records = run(Settings("grey", tau=1.0, steps=12, learning_rate=0.1))
-    assert records[-1]["D_s"] < 0.6 * records[0]["D_s"]
-    assert [record["step"] for record in records] == list(range(1, 13))
-    assert records[0]["seconds_total"] >= records[0]["seconds_render"] > 0
+    assert records[-1].D_s < 0.6 * records[0].D_s
+    assert [record.step for record in records] == list(range(1, 13))
+    assert records[0].seconds_total >= records[0].seconds_render > 0
 
 
 def test_first_adam_step_is_the_learning_rate():

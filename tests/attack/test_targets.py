@@ -9,8 +9,8 @@ from cnca.attack.objectives import paper
 from cnca.attack.targets import (
     Target,
     look,
-    numbers,
     parse_targets,
+    readings,
     refuse_black_boxes,
     weighted_loss,
 )
@@ -70,13 +70,13 @@ def test_losses_and_gradients_are_summed_by_weight():
     ensemble = [Target("a", Power(), 0, 1.0), Target("b", Power(exponent=2), 0, 3.0)]
     seen = look(paper.Loss(), ensemble, images, boxes)
     losses = [paper.Loss()(t.detector.candidates(images), boxes, 0).mean() for t in ensemble]
-    found = numbers(ensemble, seen)
-    a, b = found["targets"]["a"], found["targets"]["b"]
-    assert found["loss_adv"] == pytest.approx((losses[0] + 3 * losses[1]).item())
-    assert b["loss_adv"] == pytest.approx(losses[1].item())
-    assert a["D_s"] == pytest.approx(0.55)
-    assert b["D_s"] == pytest.approx((0.5**2 + 0.6**2) / 2)
-    assert found["D_s"] == pytest.approx((0.55 + 3 * b["D_s"]) / 4)
+    found = readings(ensemble, seen)
+    a, b = found.targets["a"], found.targets["b"]
+    assert found.loss_adv == pytest.approx((losses[0] + 3 * losses[1]).item())
+    assert b.loss_adv == pytest.approx(losses[1].item())
+    assert a.D_s == pytest.approx(0.55)
+    assert b.D_s == pytest.approx((0.5**2 + 0.6**2) / 2)
+    assert found.D_s == pytest.approx((0.55 + 3 * b.D_s) / 4)
     whole = weighted_loss(ensemble, seen)
     (gradient,) = torch.autograd.grad(whole, images, retain_graph=True)
     singly = [torch.autograd.grad(loss, images)[0] for loss in losses]

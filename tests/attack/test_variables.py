@@ -23,7 +23,7 @@ def run(settings, progress=None, stop_after=None, path=None, attacked=ATTACK):
 
     def after_step(progress, record):
         records.append(record)
-        if record["step"] == stop_after:
+        if record.step == stop_after:
             checkpoint.save(progress, path)
             raise KeyboardInterrupt
 
@@ -40,7 +40,7 @@ def test_each_kind_moves_what_it_names_and_lowers_the_score(kind):
     latents, records = run(settings)
     assert (latents.feature is not None) == (before.feature is not None) == (kind != "noise")
     assert (latents.noises is not None) == (before.noises is not None) == (kind != "feature")
-    assert records[-1]["D_s"] < records[0]["D_s"]
+    assert records[-1].D_s < records[0].D_s
     if latents.noises is not None:
         assert not torch.equal(latents.noises, before.noises)
 
@@ -57,7 +57,7 @@ def test_an_interrupted_attack_ends_bit_for_bit_the_same(tmp_path, kind, stop_af
     for name in ("feature", "noises"):
         one, other = getattr(whole, name), getattr(again, name)
         assert one is other is None or torch.equal(one, other)
-    assert rest[-1]["D_s"] == records[-1]["D_s"]
+    assert rest[-1].D_s == records[-1].D_s
 
 
 @pytest.mark.parametrize(("tau", "most"), [(0.05, 0.05), (None, math.inf)])

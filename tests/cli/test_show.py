@@ -9,6 +9,7 @@ import typer
 from cnca.attack.settings import Settings
 from cnca.cli import app, show
 from cnca.jobs.attack.request import Request
+from cnca.judge.summary import Summary
 from cnca.report import MEANING
 
 WIDTH = 44
@@ -32,12 +33,17 @@ def _parse(said: str) -> list[str]:
 def test_an_attack_ends_with_the_picture_and_what_is_next(capsys):
     out = Path("out/a rather long name of a folder/zebra")
     request = Request(Path("my scene.yaml"), out, Settings("zebra"))
-    summary = {
-        "ratio_to_shuffled": 0.25,
-        "ratio_to_controls": 0.3,
-        "AP@0.5": dict.fromkeys(MEANING, 0.5),
-    }
-    summary |= {f"score_{name}": 0.125 for name in MEANING}
+    summary = Summary(
+        prompt="zebra",
+        detector="builtin",
+        scene="my scene.yaml",
+        held_out_views=4,
+        ratio_to_shuffled=0.25,
+        ratio_to_controls=0.3,
+        average_precision=dict.fromkeys(MEANING, 0.5),
+        scores_per_view={},
+        **{f"score_{name}": 0.125 for name in MEANING},
+    )
     show.attack(request, summary)
     said = capsys.readouterr().out
     table, after = said[: said.rindex("┘")], said[said.rindex("┘") :].splitlines()

@@ -1,5 +1,6 @@
 """What a report says, and which folders it refuses."""
 
+import json
 import math
 from xml.etree import ElementTree
 
@@ -29,7 +30,7 @@ def test_a_damaged_file_is_named(tmp_path, kind):
     folder = kind(tmp_path / "run")
     main = next(folder.glob("[srt]*.json"))
     main.write_text(main.read_text()[:-5])
-    with pytest.raises(RunError, match=rf"{main.name}: damaged .*; run it again"):
+    with pytest.raises(RunError, match=rf"{main.name}: damaged .*; run its command again"):
         write_report(folder)
 
 
@@ -47,7 +48,7 @@ def test_a_folder_without_a_finished_run_is_refused(tmp_path):
 
 def test_scores_and_their_intervals(tmp_path):
     """Against the same percentile bootstrap by numpy: resamples differ, 1000 of them by little."""
-    part = attack_parts(folders.attack(tmp_path / "run"), folders.SUMMARY)[0]
+    part = attack_parts(folders.attack(tmp_path / "run") / "summary.json")[0]
     scores = np.array(folders.SCORES["before"])
     drawn = np.random.default_rng(1).choice(scores, (20_000, len(scores))).mean(axis=1)
     row = str(part.blocks[0].html).split(MEANING["before"])[1].split("</td>")[0]
@@ -61,11 +62,11 @@ def test_scores_and_their_intervals(tmp_path):
 
 
 def test_every_detector_has_its_table(tmp_path):
-    own = {key: folders.SUMMARY[key] for key in ("scores_per_view", "AP@0.5")}
-    both = folders.SUMMARY | {
-        "detectors": {"one": own, "two": own | {"AP@0.5": dict.fromkeys(MEANING, 0.25)}}
-    }
-    part = attack_parts(folders.attack(tmp_path / "run"), both)[0]
+    own = folders.SUMMARY
+    both = own | {"detectors": {"one": own, "two": own | {"AP@0.5": dict.fromkeys(MEANING, 0.25)}}}
+    path = folders.attack(tmp_path / "run") / "summary.json"
+    path.write_text(json.dumps(both))
+    part = attack_parts(path)[0]
     assert part.title.endswith("against one, two")
     html = str(part.blocks[0].html)
     assert (html.count("<table>"), html.count("0.250</td>")) == (2, len(MEANING))

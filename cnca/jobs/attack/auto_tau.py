@@ -10,11 +10,12 @@ from rich.console import Console
 from cnca.attack.variables import origin
 from cnca.core.errors import RunError
 from cnca.core.manifest import write_json
+from cnca.core.records import as_json
 from cnca.core.types import SrgbImages
 from cnca.gen.scorer import PromptScorer
 from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import build_generator
-from cnca.jobs.attack.runs import Row, row, with_tau, write_tables
+from cnca.jobs.attack.runs import Row, Table, row, with_tau, write_tables
 
 GRID = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 """Bounds among which the search decides; the paper's table lies within."""
@@ -26,6 +27,16 @@ class Choice:
 
     tau: float
     rows: list[Row]
+
+
+@dataclass(frozen=True)
+class Search(Table):
+    """The content of ``auto_tau.json``."""
+
+    tau: float
+    min_prompt_score: float
+    score_unattacked: float
+    """Prompt score with F_adv = 0."""
 
 
 def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Console) -> Choice:
@@ -65,13 +76,8 @@ def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Cons
             f"--min-prompt-score {least:g}: τ = {GRID[0]:g} already scores "
             f"{rows[GRID[0]].naturalness.prompt_score:.3f}; ask for less"
         )
-    content = {
-        "tau": tau,
-        "min_prompt_score": least,
-        "score_unattacked": unattacked,
-        "rows": [one.as_dict() for one in known],
-    }
-    write_json(request.out / "auto_tau.json", content)
+    content = Search([one.numbers for one in known], tau, least, unattacked)
+    write_json(request.out / "auto_tau.json", as_json(content))
     return Choice(tau, known)
 
 

@@ -77,7 +77,7 @@ def measure_steps(attack: Attack, settings: Settings) -> list[float]:
     for step in MEASURED:
         one = replace(settings, steps=step + 1, check_every=0, patience=0)
         progress = replace(start(attack, one), step=step)
-        optimize(attack, one, progress, lambda _, record: seconds.append(record["seconds_total"]))
+        optimize(attack, one, progress, lambda _, record: seconds.append(record.seconds_total))
     return seconds
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -18,6 +17,7 @@ from cnca.attack import checkpoint
 from cnca.attack.loop import Progress, optimize, start
 from cnca.attack.objectives import load_objective
 from cnca.attack.parts import Attack
+from cnca.attack.records import StepRecord
 from cnca.attack.style import Style, style_of
 from cnca.attack.targets import parse_targets, refuse_black_boxes
 from cnca.attack.variables import origin
@@ -25,19 +25,21 @@ from cnca.core import parallel
 from cnca.core.files import append_text, write_text
 from cnca.core.manifest import hashes
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import load_scorer
 from cnca.jobs.attack import tensorboard
 from cnca.jobs.attack.budget import decided
 from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.verdict import judge
+from cnca.judge.summary import Summary
 from cnca.scene.protocols import TextureGenerator
 from cnca.scene.schema import Scene, load_scene
 
 CHECKPOINT = "checkpoint.pt"
 
 
-def run(request: Request, console: Console) -> dict[str, Any]:
+def run(request: Request, console: Console) -> Summary:
     """Attack, judge on held-out views, write everything; returns the summary.
 
     Raises:
@@ -124,12 +126,12 @@ def _attack(request: Request, attack: Attack, progress: Progress, console: Conso
     with bar(console) as shown, _board(request, progress) as board:
         task = shown.add_task("attack", total=request.settings.steps, completed=progress.step)
 
-        def after_step(progress: Progress, record: dict[str, Any]) -> None:
+        def after_step(progress: Progress, record: StepRecord) -> None:
             if parallel.rank() == 0:
-                append_text(log, json.dumps(record) + "\n")
+                append_text(log, json.dumps(as_json(record)) + "\n")
                 board(record)
                 checkpoint.save(progress, request.out / CHECKPOINT)
-            label = f"attack: L_adv {record['loss_adv']:.3f}, D_s {record['D_s']:.3f}"
+            label = f"attack: L_adv {record.loss_adv:.3f}, D_s {record.D_s:.3f}"
             shown.update(task, completed=progress.step, description=label)
 
         optimize(attack, request.settings, progress, after_step)

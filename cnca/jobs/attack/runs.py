@@ -5,26 +5,52 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import cv2
+from pydantic import Field
 from rich.console import Console
 
 from cnca.core.errors import RunError
 from cnca.core.files import replacing
 from cnca.core.images import read_texture_srgb
-from cnca.core.manifest import read_json, write_json
+from cnca.core.manifest import write_json
 from cnca.core.pictures import side_by_side, write_png
+from cnca.core.records import as_json, read_record
 from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import PromptScorer
 from cnca.jobs.attack.budget import recorded
 from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.run import claim, run
 from cnca.judge.naturalness import Naturalness, of_run
+from cnca.judge.summary import Summary
 from cnca.scene.schema import load_scene
 
 TILE = 224
 """Pixels per side of a texture in a table's picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowNumbers(Naturalness):
+    """The numbers of an attack of a table, with its naturalness.
+
+    Detection scores and AP@0.5 are those on held-out views.
+    """
+
+    label: str
+    folder: str
+    """Below that of the table."""
+    score: float
+    score_shuffled: float
+    score_prompt: float
+    average_precision: Annotated[float, Field(alias="AP@0.5")]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Several attacks that differ in one thing."""
+
+    rows: Sequence[RowNumbers]
 
 
 @dataclass(frozen=True)
@@ -33,27 +59,26 @@ class Row:
 
     label: str
     folder: Path
-    summary: dict[str, Any]
+    summary: Summary
     naturalness: Naturalness
 
     @property
     def detection_score(self) -> float:
         """Mean on the held-out views."""
-        return self.summary["score_after"]
+        return self.summary.score_after
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain numbers, for JSON."""
-        return {"label": self.label, "folder": self.folder.name} | self.numbers()
-
-    def numbers(self) -> dict[str, float]:
-        """Detection scores and AP@0.5 on held-out views, and the naturalness."""
-        attack = {
-            "score": self.detection_score,
-            "score_shuffled": self.summary["score_shuffled"],
-            "score_prompt": self.summary["score_prompt"],
-            "AP@0.5": self.summary["AP@0.5"]["after"],
-        }
-        return attack | asdict(self.naturalness)
+    @property
+    def numbers(self) -> RowNumbers:
+        """As the table's file has them."""
+        return RowNumbers(
+            label=self.label,
+            folder=self.folder.name,
+            score=self.detection_score,
+            score_shuffled=self.summary.score_shuffled,
+            score_prompt=self.summary.score_prompt,
+            average_precision=self.summary.average_precision["after"],
+            **asdict(self.naturalness),
+        )
 
 
 def row(request: Request, label: str, scorer: PromptScorer, console: Console) -> Row:
@@ -65,7 +90,7 @@ def row(request: Request, label: str, scorer: PromptScorer, console: Console) ->
     summary_file = request.out / "summary.json"
     if summary_file.exists() and RunFolder(request.out, JOB).occupied:
         claim(recorded(request), load_scene(request.scene), resume=True)
-        summary = read_json(summary_file)
+        summary = read_record(Summary, summary_file)
     else:
         console.print(f"{label}: {request.out}", soft_wrap=True)
         summary = run(replace(request, resume=True), console)
@@ -103,7 +128,7 @@ def with_prompt(request: Request, prompt: str) -> Request:
 
 def write_tables(out: Path, name: str, heading: str, rows: Sequence[Row]) -> None:
     """Write ``name`` as .json, .md and .png: numbers, table, and the row of textures."""
-    write_json(out / f"{name}.json", {"rows": [one.as_dict() for one in rows]})
+    write_json(out / f"{name}.json", as_json(Table([one.numbers for one in rows])))
     with replacing(out / f"{name}.md") as temporary:
         temporary.write_text(table(heading, rows), encoding="utf-8")
     textures, captions = [], []
@@ -133,7 +158,7 @@ def table(heading: str, rows: Sequence[Row]) -> str:
     lines = [f"| {heading} | " + " | ".join(COLUMNS.values()) + " |"]
     lines.append("|---" * (1 + len(COLUMNS)) + "|")
     for one in rows:
-        numbers = one.numbers()
+        numbers = as_json(one.numbers)
         lines.append(f"| {one.label} | " + " | ".join(f"{numbers[c]:.3f}" for c in COLUMNS) + " |")
     return "\n".join(lines) + "\n"
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import fields, replace
 
 import torch
 from rich.console import Console
@@ -21,16 +20,18 @@ from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side, write_png
 from cnca.core.progress import bar
+from cnca.core.records import as_json
 from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack.request import Request
 from cnca.judge.evaluate import Result, evaluate
 from cnca.judge.held_out import held_out_shots
+from cnca.judge.summary import Summary, TextureScores, WeightedScores
 from cnca.report import shown_views, write_report
 from cnca.scene import controls
 
 
-def judge(request: Request, attack: Attack, progress: Progress, console: Console) -> dict[str, Any]:
+def judge(request: Request, attack: Attack, progress: Progress, console: Console) -> Summary:
     """Judge on held-out views and write everything; returns the summary."""
     settings, scene, out = request.settings, attack.scene, request.out
     latents, before = progress.result, origin(attack.generator, settings)
@@ -58,10 +59,8 @@ def judge(request: Request, attack: Attack, progress: Progress, console: Console
     stored.save(out / "F_adv.safetensors")
     first = attack.targets[0]
     write_png(out / "before_after.png", _before_after(results[first.name], first))
-    summary = _summarize(request, attack.targets, results) | {"steps": progress.step}
-    if settings.check_every:
-        summary["best_step"] = progress.best.step
-    write_json(out / "summary.json", summary)
+    summary = _summarize(request, attack.targets, results, progress)
+    write_json(out / "summary.json", as_json(summary))
     write_report(out)
     return summary
 
@@ -88,7 +87,7 @@ def best_of_seeds(attack: Attack, settings: Settings, count: int) -> SrgbTexture
     textures = []
     for seed in range(settings.seed + 1, settings.seed + 1 + count):
         made = origin(generator, replace(settings, seed=seed)).texture(generator, prompt, seed)
-        textures.append((validation.look_at(made)["loss_adv"], made))
+        textures.append((validation.look_at(made).loss_adv, made))
     return min(textures, key=lambda pair: pair[0])[1]
 
 
@@ -106,28 +105,36 @@ def _before_after(results: dict[str, Result], target: Target) -> SrgbPicture:
 
 
 def _summarize(
-    request: Request, targets: Sequence[Target], results: dict[str, dict[str, Result]]
-) -> dict[str, Any]:
+    request: Request,
+    targets: Sequence[Target],
+    results: dict[str, dict[str, Result]],
+    progress: Progress,
+) -> Summary:
     """The numbers of the first target, then those of each by name."""
-    by_target = {t.name: {"weight": t.weight} | _numbers(results[t.name]) for t in targets}
+    by_target = {t.name: scores_of(results[t.name], t.weight) for t in targets}
     first = targets[0].name
-    return {
-        "prompt": request.settings.prompt,
-        "detector": first,
-        "scene": str(request.scene),
-        "held_out_views": len(results[first]["before"].scores),
-        **_numbers(results[first]),
-        "detectors": by_target,
-    }
+    numbers = {f.name: getattr(by_target[first], f.name) for f in fields(TextureScores)}
+    return Summary(
+        prompt=request.settings.prompt,
+        detector=first,
+        scene=str(request.scene),
+        held_out_views=len(results[first]["before"].scores),
+        detectors=by_target,
+        steps=progress.step,
+        best_step=progress.best.step if request.settings.check_every else None,
+        **numbers,
+    )
 
 
-def _numbers(results: dict[str, Result]) -> dict[str, Any]:
+def scores_of(results: dict[str, Result], weight: float) -> WeightedScores:
+    """What a detector of this weight in the loss sees of every texture."""
     scores = {name: round(result.mean_score, 4) for name, result in results.items()}
     others = min(score for name, score in scores.items() if name != "after")
-    return {
+    return WeightedScores(
+        weight=weight,
+        ratio_to_shuffled=round(scores["after"] / max(scores["shuffled"], 1e-9), 4),
+        ratio_to_controls=round(scores["after"] / max(others, 1e-9), 4),
+        average_precision={n: round(r.average_precision, 4) for n, r in results.items()},
+        scores_per_view={n: [round(s, 4) for s in r.scores] for n, r in results.items()},
         **{f"score_{name}": score for name, score in scores.items()},
-        "ratio_to_shuffled": round(scores["after"] / max(scores["shuffled"], 1e-9), 4),
-        "ratio_to_controls": round(scores["after"] / max(others, 1e-9), 4),
-        "AP@0.5": {name: round(r.average_precision, 4) for name, r in results.items()},
-        "scores_per_view": {n: [round(s, 4) for s in r.scores] for n, r in results.items()},
-    }
+    )

@@ -129,7 +129,7 @@ def print_sheets(
             lambda: shown.advance(task),
         )
     inputs = [folder / name for name in RUN_FILES] + ([profile] if profile else [])
-    inputs += build.scene_files(run.scene, Path(run.request["scene"]))
+    inputs += build.scene_files(run.scene, run.request.scene)
     change = difference(wanted, printed)
     report = SheetReport(
         run=str(folder),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import torch
 from jaxtyping import Float
@@ -17,6 +16,7 @@ from torch import Tensor
 from cnca import build
 from cnca.core.errors import RunError
 from cnca.core.progress import bar
+from cnca.core.records import read_record
 from cnca.core.types import SrgbTexture
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.evaluate import Result, evaluate
@@ -31,6 +31,33 @@ RUN_FILES = ("manifest.json", "summary.json", "texture.png")
 
 
 @dataclass(frozen=True)
+class Seeded:
+    """What is read of a run's settings."""
+
+    seed: int
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is read of a run's request."""
+
+    scene: Path
+    backend: str
+    held_out_views: int
+    settings: Seeded
+    detectors: Sequence[str] = ()
+    detector: str | None = None
+    """Of runs of the first versions, which have one."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What is read of a run's manifest."""
+
+    request: Asked
+
+
+@dataclass(frozen=True)
 class Run:
     """A finished ``cnca optimize``, as its folder tells."""
 
@@ -38,8 +65,7 @@ class Run:
     scene: Scene
     vehicle: Vehicle
     paint: Paint
-    request: dict[str, Any]
-    summary: dict[str, Any]
+    request: Asked
 
     @property
     def texture(self) -> SrgbTexture:
@@ -49,17 +75,14 @@ class Run:
 
 def read_run(folder: Path) -> Run:
     """The run in a folder; raises RunError where none is, or where it has not finished."""
-    contents = []
     for name in RUN_FILES:
         file = folder / name
         if not file.is_file():
             raise RunError(f"{file}: not there; print-sheets takes the folder of a finished run")
-        if file.suffix == ".json":
-            contents.append(json.loads(file.read_text(encoding="utf-8")))
-    request = contents[0]["request"]
-    scene = load_scene(request["scene"])
+    request = read_record(Manifest, folder / "manifest.json").request
+    scene = load_scene(request.scene)
     vehicle = build.build_vehicle(scene)
-    return Run(folder, scene, vehicle, build.build_paint(scene, vehicle), request, contents[1])
+    return Run(folder, scene, vehicle, build.build_paint(scene, vehicle), request)
 
 
 @dataclass(frozen=True)
@@ -89,12 +112,11 @@ class Prediction:
 
 def predict(run: Run, printed: SrgbTexture, console: Console) -> Prediction:
     """The run's verdict once more, for its texture and for what is left of it in print."""
-    request, seed = run.request, run.request["settings"]["seed"]
-    # Runs of the first versions have one detector, under another name.
-    detectors = request.get("detectors") or [request["detector"]]
+    request, seed = run.request, run.request.settings.seed
+    detectors = request.detectors or [request.detector or "builtin"]
     targets = build.build_targets(detectors, run.scene.vehicle.label)
-    shots = held_out_shots(run.scene, request["held_out_views"], seed)
-    renderer = build.build_renderer(run.scene, run.vehicle, backend=request["backend"])
+    shots = held_out_shots(run.scene, request.held_out_views, seed)
+    renderer = build.build_renderer(run.scene, run.vehicle, backend=request.backend)
     albedos = {
         "plain": run.paint.apply(),
         "texture": run.paint.apply(run.texture),
@@ -103,9 +125,9 @@ def predict(run: Run, printed: SrgbTexture, console: Console) -> Prediction:
     with bar(console) as shown:
         task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
         results = evaluate(renderer, targets, albedos, shots, lambda: shown.advance(task))
-    weights = resample([request["held_out_views"]], seed=seed)
+    weights = resample([request.held_out_views], seed=seed)
     return Prediction(
-        views=request["held_out_views"],
+        views=request.held_out_views,
         detectors={name: _compared(result, weights) for name, result in results.items()},
     )
 

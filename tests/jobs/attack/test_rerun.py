@@ -1,6 +1,5 @@
 """``cnca rerun``: a manifest is enough to come to the same texture."""
 
-import json
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -14,9 +13,11 @@ from cnca.attack.settings import Settings
 from cnca.core.errors import RunError
 from cnca.core.images import write_texture_srgb
 from cnca.core.manifest import Manifest, hashes, versions, write_json
+from cnca.core.records import read_record
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import run
 from cnca.jobs.attack.rerun import read_request, rerun
+from cnca.judge.summary import Summary
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 from tests.jobs.attack.test_run import SCENE, one_thread  # noqa: F401  (a fixture)
 
@@ -51,7 +52,7 @@ def test_the_texture_is_the_same_to_the_bit(request_, tmp_path):
     assert torch.equal(features[0].feature, features[1].feature)
     assert torch.equal(features[0].noises, features[1].noises)
     assert features[0].feature.abs().max() > 0
-    assert json.loads((out / "summary.json").read_text()) == summary
+    assert read_record(Summary, out / "summary.json") == summary
 
 
 def test_what_differs_is_said(request_, tmp_path, monkeypatch):

@@ -19,6 +19,7 @@ from cnca.attack import checkpoint
 from cnca.attack.settings import Settings
 from cnca.attack.targets import Target
 from cnca.core.errors import DetectorError, NonFiniteError, RunError
+from cnca.core.records import as_json
 from cnca.detect import BUILTIN_CONFIG, detector_files
 from cnca.detect.white_box import DarknetDetector
 from cnca.gen.feature import StoredFeature
@@ -246,11 +247,12 @@ def test_an_ensemble_is_judged_detector_by_detector(request_for):
     request = replace(request_for("ensemble", steps=1), detectors=("builtin", f"{twin}=0.5"))
     summary = run.run(request, quiet())
     check_summary(summary)
-    assert summary["detector"] == "builtin"
-    both = summary["detectors"]
-    assert [own.pop("weight") for own in both.values()] == [1.0, 0.5]
-    assert both["builtin"] == both[twin]  # the same network by two names
-    assert both["builtin"].items() <= summary.items()
+    assert summary.detector == "builtin"
+    both = summary.detectors
+    assert [own.weight for own in both.values()] == [1.0, 0.5]
+    assert replace(both["builtin"], weight=0.5) == both[twin]  # the same network by two names
+    first = as_json(replace(both["builtin"], weight=None))
+    assert first.items() <= json.loads((request.out / "summary.json").read_text()).items()
     record = json.loads((request.out / "log.jsonl").read_text())
     parts = record["targets"]
     assert parts["builtin"] == parts[twin]
@@ -258,15 +260,15 @@ def test_an_ensemble_is_judged_detector_by_detector(request_for):
     assert record["D_s"] == pytest.approx(parts[twin]["D_s"])
     manifest = json.loads((request.out / "manifest.json").read_text())
     assert manifest["request"]["detectors"] == ["builtin", f"{twin}=0.5"]
-    assert f"Against {twin}" in (request.out / "report.html").read_text()
+    assert f"Before {twin}" in (request.out / "report.html").read_text()
 
 
 def check_summary(summary):
     for name in ("before", "prompt", "random", "shuffled", "after"):
-        assert 0 <= summary[f"score_{name}"] <= 1
-        per_view = summary["scores_per_view"][name]
-        assert len(per_view) == summary["held_out_views"] == 4
-        assert summary[f"score_{name}"] == pytest.approx(sum(per_view) / 4, abs=1e-3)
+        assert 0 <= summary.score(name) <= 1
+        per_view = summary.scores_per_view[name]
+        assert len(per_view) == summary.held_out_views == 4
+        assert summary.score(name) == pytest.approx(sum(per_view) / 4, abs=1e-3)
 
 
 def check_folder(out: Path):

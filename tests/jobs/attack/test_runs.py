@@ -14,9 +14,12 @@ from rich.console import Console
 from cnca.attack.settings import Settings
 from cnca.core.errors import RunError
 from cnca.core.images import write_texture_srgb
+from cnca.core.manifest import write_json
+from cnca.core.records import as_json
 from cnca.jobs.attack import auto_tau, runs
 from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import claim
+from cnca.judge.summary import Summary
 from cnca.scene.schema import load_scene
 
 QUIET = Console(quiet=True)
@@ -40,13 +43,19 @@ def started(monkeypatch) -> list[Request]:
         request.out.mkdir(parents=True, exist_ok=True)
         for name, value in (("texture.png", grey), ("texture_prompt.png", 1.0)):
             write_texture_srgb(request.out / name, np.full((8, 8, 3), value, np.float32))
-        summary = {
-            "score_after": grey,
-            "score_prompt": 1.0,
-            "score_shuffled": 1.0,
-            "AP@0.5": {"after": grey},
-        }
-        (request.out / "summary.json").write_text(json.dumps(summary))
+        summary = Summary(
+            prompt=request.settings.prompt,
+            detector="builtin",
+            scene=str(request.scene),
+            held_out_views=1,
+            score_prompt=1.0,
+            score_shuffled=1.0,
+            score_after=grey,
+            ratio_to_shuffled=grey,
+            average_precision={"after": grey},
+            scores_per_view={"after": [grey]},
+        )
+        write_json(request.out / "summary.json", as_json(summary))
         claim(request, load_scene(request.scene), resume=True)
         return summary
 

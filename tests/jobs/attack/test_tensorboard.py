@@ -5,6 +5,7 @@ import sys
 import pytest
 import torch
 
+from cnca.attack.records import Reading, StepRecord
 from cnca.core.errors import RunError
 from cnca.jobs.attack.tensorboard import logging_to, need_tensorboard
 
@@ -13,13 +14,18 @@ def test_scalars_come_back_and_what_a_resumed_run_repeats_is_dropped(tmp_path):
     pytest.importorskip("tensorboard")
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    record = {"loss_adv": 0.5, "targets": {"builtin": {"D_s": 0.75}}, "seconds_render": 2.0}
+    seen = {"builtin": Reading(0.5, 0.75)}
+    spent = {"seconds_render": 2.0, "seconds_total": 3.0}
     for done, steps in ((0, (1, 2, 3)), (1, (2,))):
         with logging_to(tmp_path, done) as log:
             for step in steps:
-                log({**record, "step": step, "loss_adv": step + done / 4})
+                loss = step + done / 4
+                log(StepRecord(step=step, loss_adv=loss, D_s=0.75, targets=seen, **spent))
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert set(events.Tags()["scalars"]) == {"loss_adv", "seconds/render", "targets/builtin/D_s"}
+    each = {"loss_adv", "D_s"}
+    assert set(events.Tags()["scalars"]) == (
+        each | {f"targets/builtin/{name}" for name in each} | {"seconds/render", "seconds/total"}
+    )
     assert [(e.step, e.value) for e in events.Scalars("loss_adv")] == [(1, 1.0), (2, 2.25)]
 
 
