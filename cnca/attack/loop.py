@@ -79,7 +79,7 @@ def optimize(
 ) -> Latents:
     """Run the attack to its last step, or until checks bring nothing; returns what it came to.
 
-    ``after_step`` is given the progress and the record of the step.
+    After every step ``after_step`` is given the progress and the record of the step.
 
     Raises:
         DetectorError: a detector gives no gradient.
