@@ -14,7 +14,7 @@ from cnca.core.errors import RunError
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
 from cnca.jobs.attack.request import Request
 
-DEMO_SCENE, DEMO_PROMPT = Path("builtin:sedan_clear"), "zebra strips"
+DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "zebra strips"
 
 Tau = Annotated[
     str | None,
@@ -143,9 +143,16 @@ def demo(
     from cnca.jobs.attack.presets import under_preset
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
-    settings = Settings(DEMO_PROMPT, steps=steps)
+    # Views that come back soon: the first look at one in a street takes longer than the step.
+    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=6, view_pool=96)
     request = Request(
-        DEMO_SCENE, out, settings, samples=8, gradient_checkpointing=False, resume=resume
+        DEMO_SCENE,
+        out,
+        settings,
+        samples=4,
+        gradient_checkpointing=False,
+        held_out_views=16,
+        resume=resume,
     )
     request = under_preset(request, but=["minutes", "views_per_step"])
     run_attack(request)
