@@ -38,7 +38,7 @@ def test_an_aborting_renderer_is_reported_not_suffered(monkeypatch):
 
 
 def test_a_backend_error_is_passed_on(monkeypatch):
-    stderr = "Traceback\n  …\ncnca.errors.BackendError: no usable LLVM found\n"
+    stderr = "Traceback\n  …\ncnca.core.errors.BackendError: no usable LLVM found\n"
     _process_that(monkeypatch, returncode=1, stderr=stderr)
     assert doctor.try_render().failure == "no usable LLVM found"
 

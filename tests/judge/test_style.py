@@ -107,7 +107,7 @@ def test_shares_are_those_of_both_classifiers():
 
 @pytest.mark.parametrize(("side", "count"), [(64, 1), (256, 1), (300, 4), (512, 9), (1024, 49)])
 def test_windows_cover_a_texture(side, count):
-    places = torch.arange(side * side).reshape(1, side, side).expand(3, -1, -1)
+    places = torch.arange(side * side, dtype=torch.float32).reshape(1, side, side).expand(3, -1, -1)
     cuts = windows(places)
     assert len(cuts) == count
     assert cuts.shape[-1] == min(side, WINDOW)
