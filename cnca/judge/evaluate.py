@@ -75,14 +75,16 @@ def evaluate(
         advance: called after each rendered weather, for a progress bar.
     """
     boxes = torch.cat([renderer.vehicle_boxes(views) for views in shots.views])
-    results: dict[str, dict[str, Result]] = {target.name: {} for target in targets}
-    for name, albedo in albedos.items():
-        images: list[torch.Tensor] = []
-        for weather in range(len(shots.weathers)):
-            images.append(photograph(renderer, albedo, shots, weather))
+    images: dict[str, list[torch.Tensor]] = {name: [] for name in albedos}
+    # All textures in one weather, and so in one place, before the next: worlds are dear to build.
+    for weather in range(len(shots.weathers)):
+        for name, albedo in albedos.items():
+            images[name].append(photograph(renderer, albedo, shots, weather))
             advance()
+    results: dict[str, dict[str, Result]] = {target.name: {} for target in targets}
+    for name, drawn in images.items():
         for target in targets:
-            results[target.name][name] = _judge(target, SrgbImages(torch.cat(images)), boxes)
+            results[target.name][name] = _judge(target, SrgbImages(torch.cat(drawn)), boxes)
     return results
 
 
