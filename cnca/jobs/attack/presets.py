@@ -14,7 +14,7 @@ from cnca.core.errors import RunError, did_you_mean
 from cnca.jobs.attack.request import Request
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # The strongest natural result that was found for the time it takes (docs/attack.md).
+    # What did best in the runs that were made, few so far (docs/attack.md).
     "best": {
         "variable": "noise",
         "objective": "odds",
