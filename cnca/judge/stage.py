@@ -154,9 +154,9 @@ def see(
     """
     looks = [
         (row, stage, weather)
-        for row in stages[0].rows
         for stage in stages
         for weather in range(len(stage.shots.weathers))
+        for row in stages[0].rows  # all in one place before the next: worlds are dear to build
     ]
     own = []
     for row, stage, weather in parallel.share(looks):
