@@ -19,7 +19,7 @@ from cnca.core.color import linear_to_srgb
 from cnca.core.pictures import as_pictures, draw_boxes, side_by_side, write_png
 from cnca.judge.scores import detection_score
 from cnca.scene.cameras import orbit_view
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 AZIMUTHS = range(0, 360, 30)
 THRESHOLD = 0.25

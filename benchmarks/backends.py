@@ -40,8 +40,8 @@ from cnca.judge.scores import detection_score
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.scene.cameras import View
+from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import Detector, LoopRenderer, Residual
-from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
 

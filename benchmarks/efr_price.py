@@ -16,8 +16,8 @@ from stopwatch import Goal, in_turn, named_rows, parser, report
 
 from cnca import build
 from cnca.judge.held_out import HELD_OUT_SEED
+from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import Residual
-from cnca.scene.schema import load_scene
 from cnca.scene.variation import draw_views
 
 SCENES = (Path("scenes/sedan_clear.yaml"), Path("scenes/sedan_fog.yaml"))

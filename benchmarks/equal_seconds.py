@@ -36,8 +36,8 @@ from cnca.judge.held_out import held_out_shots
 from cnca.judge.truth import Truth
 from cnca.judge.verdict import Measured, Seen, measure, word_for
 from cnca.scene import controls
+from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import Residual
-from cnca.scene.schema import load_scene
 
 SIDE, VIEWS_HELD_OUT = 24, 24
 """Texels a side, and views that judge."""

@@ -42,7 +42,7 @@ from cnca.effects.fog import FogEffect
 from cnca.mi_bridge.fog import solve_fog
 from cnca.mi_bridge.light import make_light
 from cnca.mi_bridge.renderer import MitsubaRenderer
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.scene.weather import Fog, Weather
 
 TIMED, TIMED_SIZE = 9, 256

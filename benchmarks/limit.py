@@ -24,7 +24,8 @@ from cnca.core.files import replacing
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import dr, mi
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views
 from cnca.vehicle.model import Part, Vehicle
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from cnca import build
 from cnca.scene.carla import read_carla_frame
-from cnca.scene.schema import CarlaCamera, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import CarlaCamera
 from cnca.vehicle.outline import fit_lift, outline_distances, photographed_silhouette, silhouette
 
 

@@ -35,7 +35,7 @@ from cnca.attack.targets import look, weighted_loss
 from cnca.core.color import linear_to_srgb
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.variant import dr
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.scene.variation import draw_views
 
 CLEAN = 64

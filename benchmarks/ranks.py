@@ -33,7 +33,7 @@ from stopwatch import Goal, named_rows, parser, report
 
 from cnca.attack import loop as loop
 from cnca.core import parallel
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.scene.variation import draw_views
 
 TORCHRUN = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node"]

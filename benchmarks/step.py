@@ -36,7 +36,8 @@ from cnca.attack.targets import look, weighted_loss
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
 from cnca.mi_bridge.variant import dr
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views
 
 SCENE = Path("scenes/sedan_clear.yaml")

@@ -38,8 +38,9 @@ from cnca.mi_bridge.variant import mi
 from cnca.mi_bridge.world_shapes import make_mesh
 from cnca.scene.cameras import Spot, View
 from cnca.scene.carla import read_carla_frame
+from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import Detector
-from cnca.scene.schema import CarlaCamera, WorldSection, load_scene
+from cnca.scene.schema import CarlaCamera, WorldSection
 from cnca.scene.weather import Weather
 from cnca.vehicle.builtin.sedan import build_sedan
 from cnca.world.builtin import BUILTIN_WORLDS

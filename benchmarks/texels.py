@@ -26,7 +26,7 @@ from cnca.core.types import SrgbTexture
 from cnca.judge.evaluate import evaluate
 from cnca.judge.held_out import held_out_shots
 from cnca.scene import controls
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 SIZE, BOUND = 256, 6.0
 """Pixels of the texture; bound on the logits, 0.0025 from black and white."""

@@ -27,10 +27,12 @@ from cnca.effects.effect import Model
 from cnca.effects.plan import Demand
 from cnca.effects.world import GEOMETRY
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
+from cnca.mi_bridge.portions import vehicle_part
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.volpath import exposed_volpath
 from cnca.scene.cameras import View, orbit_view
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog
 
 SIZE = 320
@@ -136,8 +138,14 @@ def errors(scene: Scene, rung: str, samples: int) -> tuple[float, float, float]:
     for model, shares in ((rung, background.shares), (GEOMETRY, np.ones(len(pixels)))):
         renderer = traced(scene, surroundings=model, interreflection=3)
         texture = albedo.clone().requires_grad_()
-        vehicle = renderer.render_vehicle(
-            texture, [view()], scene.weather(), pixels, shares, seed=1, samples=samples
+        vehicle = renderer.render_pixels(
+            texture,
+            [view()],
+            scene.weather(),
+            pixels,
+            seed=1,
+            samples=samples,
+            portion=vehicle_part(shares),
         )
         vehicle.sum().backward()
         light.append(vehicle.detach())

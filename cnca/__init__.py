@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cnca.core.types import Candidates as Candidates
     from cnca.judge.evaluate import evaluate as evaluate
     from cnca.judge.held_out import held_out_shots as held_out_shots
-    from cnca.scene.schema import load_scene as load_scene
+    from cnca.scene.load_scene import load_scene as load_scene
 
 PLACES = {
     "attack.loop": "draw_pool optimize start",
@@ -42,7 +42,7 @@ PLACES = {
     "core.types": "Candidates",
     "judge.evaluate": "evaluate",
     "judge.held_out": "held_out_shots",
-    "scene.schema": "load_scene",
+    "scene.load_scene": "load_scene",
 }
 """Module of the package → what of it ``import cnca`` gives."""
 

@@ -11,7 +11,8 @@ from cnca import build
 from cnca.core.errors import CncaError
 from cnca.effects.protocols import PlanningRenderer
 from cnca.scene import controls
-from cnca.scene.schema import ImageSection, Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import ImageSection, Scene
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from cnca.scene.cameras import View
 from cnca.scene.materials import Material
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Vehicle
@@ -42,6 +43,26 @@ class Subject:
     """At the vehicle: the share of pixels that edges cross, and so are noisy, falls with it."""
     amounts: Mapping[str, float] = field(default_factory=dict)
     """Effect → how much of it the scene holds (:meth:`cnca.effects.effect.Effect.amount`)."""
+
+    @classmethod
+    def of_views(
+        cls,
+        views: Sequence[View],
+        weather: Weather,
+        *,
+        ground: float,
+        paint: float,
+        amounts: Mapping[str, float],
+    ) -> Subject:
+        """Views relative to the vehicle, at whose foot the distances are measured."""
+        return cls(
+            weather,
+            ground=ground,
+            paint=paint,
+            fog_path=max(_path_in_layer(view, weather) for view in views),
+            pixels_per_metre=min(_pixels_per_metre(view) for view in views),
+            amounts=amounts,
+        )
 
     @property
     def has_fog(self) -> bool:
@@ -94,3 +115,18 @@ def mean_over_area(vehicle: Vehicle, value: Callable[[Material], float]) -> floa
         areas.append(np.linalg.norm(np.cross(b - a, c - a), axis=-1).sum() / 2)
         values.append(value(vehicle.material(part.material)))
     return float(np.dot(areas, values) / max(sum(areas), 1e-12))
+
+
+def _pixels_per_metre(view: View) -> float:
+    """At the distance of the vehicle's foot."""
+    distance = max(float(np.linalg.norm(view.origin)), 1e-3)
+    return view.width / (2 * np.tan(np.radians(view.fov) / 2) * distance)
+
+
+def _path_in_layer(view: View, weather: Weather) -> float:
+    """Metres of the way from the camera to the vehicle's foot that lie in fog."""
+    if weather.fog is None:
+        return 0.0
+    height = view.origin[2]
+    inside = min(weather.fog.height / height, 1.0) if height > 0 else 1.0
+    return float(np.linalg.norm(view.origin)) * inside

@@ -37,7 +37,8 @@ from cnca.judge.rows import NORMAL
 from cnca.judge.stage import see
 from cnca.judge.verdict import measure_all, word_for
 from cnca.report.tables import cell, table
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.train.detector.renders import GROUPS, Cast, render_detector_data
 from cnca.train.detector.training import DetectorReport, Settings, train_detector
 

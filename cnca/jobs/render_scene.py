@@ -23,7 +23,8 @@ from cnca.effects.plan import Demand
 from cnca.effects.protocols import PlanningRenderer
 from cnca.jobs.render_request import RenderRequest
 from cnca.scene.cameras import View
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from cnca.core.errors import CncaError, RunError
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.core.progress import bar
 from cnca.scene import shipped
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 
 SHOWN, COLUMNS, SAMPLES = 320, 3, 64
 """Pixels of a picture's longer side, pictures per row, rays per pixel."""

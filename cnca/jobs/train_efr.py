@@ -35,7 +35,8 @@ from cnca.mi_bridge.shading_cache import TracedShading
 from cnca.scene import controls
 from cnca.scene.cameras import View
 from cnca.scene.carla import read_carla_frame
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.scene.weather import Weather
 from cnca.train.efr import Outcome, Shot, train

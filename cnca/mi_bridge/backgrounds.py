@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
 
 from cnca.core.types import Boxes, LinearImages, LinearTexture, PlainPictures
+from cnca.mi_bridge.portions import REST, vehicle_part
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
@@ -76,15 +78,14 @@ class KeptBackgrounds:
         samples: int | None = None,
     ) -> Float[torch.Tensor, "pixels 3"]:
         """The pixels that the vehicle touches, of all the views."""
+        render = partial(
+            self.renderer.render_pixels, albedo, views, weather, pixels, seed=seed, samples=samples
+        )
         if self.renderer.worlds is None:
-            return self.renderer.render_pixels(
-                albedo, views, weather, pixels, seed=seed, samples=samples
-            )
+            return render()
         shares = np.concatenate([b.shares for b in kept if b.shares is not None])
         rest = torch.cat([b.rest for b in kept if b.rest is not None])
-        return rest + self.renderer.render_vehicle(
-            albedo, views, weather, pixels, shares, seed=seed, samples=samples
-        )
+        return rest + render(portion=vehicle_part(shares))
 
     def vehicle_boxes(self, views: Sequence[View]) -> Boxes:
         """Bounding boxes (views, 4), xyxy in pixels; see :class:`MitsubaRenderer`."""
@@ -141,5 +142,5 @@ class KeptBackgrounds:
         pixels = np.flatnonzero(renderer.vehicle_mask([view])[0] > 0)
         if renderer.worlds is None:
             return Background(image, pixels)
-        rest = renderer.render_rest(self.plain, [view], weather, pixels, seed=seed)
+        rest = renderer.render_pixels(self.plain, [view], weather, pixels, seed=seed, portion=REST)
         return Background(image, pixels, rest, renderer.visible_pixels(view, pixels))

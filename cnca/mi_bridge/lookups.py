@@ -11,7 +11,7 @@ from cnca.core.types import Boxes, LinearImages, LinearTexture, PlainPictures
 from cnca.mi_bridge.affine import AffinePicture, look_up
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
-from cnca.mi_bridge.renderer import refuse_bad_texture
+from cnca.mi_bridge.texture_check import refuse_bad_texture
 from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
 

@@ -62,7 +62,7 @@ class PlainShading:
     def _make_white(self, weather: Weather, spot: Spot) -> Callable[[Vectors], Vectors]:
         renderer, exposure = self.renderer, self.renderer.exposure
         if renderer.worlds is not None:
-            light, white = renderer.light_at(weather, spot)
+            light, white = renderer.built.light_at(weather, spot)
         else:
             light = make_light(weather, renderer.ground_albedo)
             white = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)

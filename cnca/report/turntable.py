@@ -27,7 +27,8 @@ from cnca.report.blocks import Turntable
 from cnca.report.comparison import TITLES
 from cnca.report.webpage import jpeg_uri
 from cnca.scene.cameras import View, orbit_view
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.vehicle.model import Vehicle
 
 SAMPLES = 16

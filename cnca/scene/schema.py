@@ -5,48 +5,31 @@ Lengths are in metres, angles in degrees, colours sRGB in [0, 1], paths relative
 
 from __future__ import annotations
 
-import reprlib
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from cnca.core.errors import SceneError, did_you_mean
 from cnca.scene.environment import read_environment
 from cnca.scene.materials import MATERIALS
-from cnca.scene.shipped import scene_file
-from cnca.scene.weather import MOST_ASYMMETRY, Fog, SkyMap, Weather
-
-
-def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] > pair[1]:
-        raise ValueError(f"a range is written [low, high], got [{pair[0]:g}, {pair[1]:g}]")
-    return pair
-
-
-Unit = Annotated[float, Field(ge=0, le=1)]
-Color = tuple[Unit, Unit, Unit]
-Altitude = Annotated[float, Field(ge=-90, le=90)]
-Elevation = Annotated[float, Field(ge=-90, le=90)]
-Azimuth = Annotated[float, Field(ge=-360, le=720)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(allow_inf_nan=False)]
-FieldOfView = Annotated[float, Field(gt=0, lt=180)]
-Asymmetry = Annotated[float, Field(ge=-MOST_ASYMMETRY, le=MOST_ASYMMETRY)]
-
-
-Label = Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)]
+from cnca.scene.values import (
+    Altitude,
+    AltitudeRange,
+    Asymmetry,
+    Azimuth,
+    Color,
+    Coordinate,
+    Elevation,
+    ElevationRange,
+    FieldOfView,
+    Label,
+    NonNegative,
+    Positive,
+    PositiveRange,
+    Range,
+    Unit,
+)
+from cnca.scene.weather import Fog, SkyMap, Weather
 
 
 class Section(BaseModel):
@@ -185,12 +168,6 @@ class CarlaCamera(Section):
     """Our z = 0 above CARLA's vehicle location in metres; negative where it lies below."""
 
 
-Range = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_ascending)]
-PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_ascending)]
-AltitudeRange = Annotated[tuple[Altitude, Altitude], AfterValidator(_ascending)]
-ElevationRange = Annotated[tuple[Elevation, Elevation], AfterValidator(_ascending)]
-
-
 class VariationSection(Section):
     """The ranges from which ``cnca optimize`` draws views and weather."""
 
@@ -235,7 +212,7 @@ class Scene(Section):
     variation: VariationSection = VariationSection()
     image: ImageSection = ImageSection()
     base: Path = Field(default=Path("."), exclude=True)
-    """The folder that relative paths start from; set by :func:`load_scene`."""
+    """The folder that relative paths start from; set by :mod:`cnca.scene.load_scene`."""
 
     @model_validator(mode="after")
     def _unique_names(self) -> Scene:
@@ -284,83 +261,3 @@ class Scene(Section):
             fog=fog,
             sky_map=sky_map,
         )
-
-
-def load_scene(path: str | Path) -> Scene:
-    """Read and check a scene file, or the shipped one that ``builtin:NAME`` stands for.
-
-    Raises:
-        SceneError: the file is missing, is not YAML, or a key or value in it is wrong.
-    """
-    path = scene_file(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise SceneError(f"{path}: no such scene file; see scenes/ for examples") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {_one_line(error)}") from None
-    except Exception as error:  # PyYAML lets through what impossible dates and numbers raise
-        raise SceneError(f"{path}: not valid YAML: {_one_line(error)}") from None
-    if content is None:
-        content = {}
-    if not isinstance(content, dict):
-        raise SceneError(f"{path}: a scene file is a mapping of sections, got {_short(content)}")
-    if "base" in content:
-        raise SceneError(f"{path}: base: unknown key; paths always start at the file's folder")
-    try:
-        return Scene.model_validate({**content, "base": path.parent})
-    except ValidationError as error:
-        raise SceneError(f"{path}: {_explain(error)}") from None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
-def _short(value: Any) -> str:
-    """The beginning of its text; aliases can make the whole text endless."""
-    return f"{reprlib.repr(value):.80}"
-
-
-def _explain(error: ValidationError) -> str:
-    """The first problem as ``key: what is wrong (got value)``, with the nearest right key."""
-    problem = _most_relevant(error.errors())
-    location = [part for part in problem["loc"] if part not in _UNION_TAGS]
-    where = ".".join(str(part) for part in location) or "scene"
-    if problem["type"] == "extra_forbidden":
-        section = _section_at(location[:-1], problem["loc"])
-        hint = did_you_mean(str(location[-1]), section.model_fields) if section else ""
-        return f"{where}: unknown key{hint}"
-    return (
-        f"{where}: {problem['msg'].removeprefix('Value error, ')} (got {_short(problem['input'])})"
-    )
-
-
-_UNION_TAGS = {"OrbitCamera", "CarlaCamera"}
-
-
-def _most_relevant(problems: list[Any]) -> Any:
-    """A misspelt key is the cause of a missing one; a camera is tried as both of its kinds."""
-    problems = sorted(problems, key=lambda p: p["type"] != "extra_forbidden")
-    first = problems[0]
-    if "cameras" not in first["loc"]:
-        return first
-    index = first["loc"][1] if len(first["loc"]) > 1 else None
-    here = [p for p in problems if p["loc"][:2] == ("cameras", index)]
-    is_carla = not any(p["loc"][2:] == ("CarlaCamera", "carla") for p in here)
-    kind = "CarlaCamera" if is_carla else "OrbitCamera"
-    return next((p for p in here if kind in p["loc"]), first)
-
-
-def _section_at(location: list[Any], tagged: tuple[Any, ...]) -> type[BaseModel] | None:
-    """The model whose keys were allowed at ``location``."""
-    if "cameras" in location:
-        return CarlaCamera if "CarlaCamera" in tagged else OrbitCamera
-    model: type[BaseModel] = Scene
-    for key in location:
-        kinds = [model.model_fields[key].annotation, *get_args(model.model_fields[key].annotation)]
-        found = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
-        if not found:
-            return None
-        model = found[0]
-    return model

@@ -21,7 +21,7 @@ from cnca.efr.unet import EnvironmentFeatureRenderer
 from cnca.gen.feature import StoredFeature
 from cnca.gen.scorer import BagScorer
 from cnca.scene.carla import read_carla_frame
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.scene.variation import draw_views, draw_weathers
 from cnca.vehicle.mesh.load_mesh import load_vehicle
 from cnca.vehicle.uv.masks import paint_mask

@@ -17,7 +17,8 @@ from cnca.mi_bridge import bridge
 from cnca.mi_bridge.light import Light, lambertian_white, make_light
 from cnca.scene.cameras import View
 from cnca.scene.layers import Layers
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.weather import Weather
 
 SCENES = Path(__file__).parents[2] / "scenes" / "hard"

@@ -18,7 +18,7 @@ from cnca.jobs.harden import Change, Hardening, harden, make_cast, markdown, sce
 from cnca.jobs.hardening_request import HardeningRequest
 from cnca.judge.candidates import parse_candidates
 from cnca.judge.records import Estimate
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.train.detector import renders as detector_data
 from cnca.train.detector.training import DetectorReport, Settings
 

@@ -14,7 +14,7 @@ from cnca.core.types import PlainPictures
 from cnca.jobs import train_efr
 from cnca.jobs.efr_request import EfrRequest
 from cnca.mi_bridge import backgrounds
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from tests.jobs.datasets.test_carla import write_frame
 
 SCENE = """

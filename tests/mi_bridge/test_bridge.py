@@ -159,11 +159,11 @@ def test_new_seeds_views_and_weathers_need_no_new_kernels_and_no_memory(renderer
             work(i)
         dr.kernel_history_clear()
         variables = len(dr.whos(as_string=True).splitlines())
-        renderer._atmosphere.cache_clear()
+        renderer.built.atmosphere.cache_clear()
         for i in range(4, 12):
             work(i)
         kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
-        renderer._atmosphere.cache_clear()
+        renderer.built.atmosphere.cache_clear()
         gc.collect()
     assert kernels
     assert not [kernel["operation_count"] for kernel in kernels if not kernel["cache_hit"]]

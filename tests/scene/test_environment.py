@@ -17,7 +17,8 @@ from cnca.scene.environment import (
     sky_solid_angles,
     split_sun,
 )
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.weather import SkyMap
 
 HDRI = Path(__file__).parents[3] / "shared" / "data" / "hdri"

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from cnca.build import files_behind, scene_files
+from cnca.scene.load_scene import load_scene
 from cnca.scene.named_files import named_files
-from cnca.scene.schema import load_scene
 
 SCENE = """
 vehicle: {mesh: meshes/car.gltf, paint_mask: mask.png, missing: long text, texture_size: 32}

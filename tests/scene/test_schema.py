@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from cnca.core.errors import SceneError
-from cnca.scene.schema import CarlaCamera, OrbitCamera, Scene, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import CarlaCamera, OrbitCamera, Scene
 from cnca.scene.weather import Fog, Weather
 
 SCENES = Path(__file__).parents[2] / "scenes"

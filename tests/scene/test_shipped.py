@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cnca.core.errors import SceneError
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.scene.shipped import scene_file
 
 SCENES = Path(__file__).parents[2] / "scenes"

@@ -11,7 +11,7 @@ import trimesh
 from cnca.core.errors import SceneError
 from cnca.scene.cameras import orbit_view
 from cnca.scene.carla import carla_view, read_carla_frame
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.vehicle.mesh.load_mesh import load_vehicle
 from cnca.vehicle.model import Part, Vehicle
 from cnca.vehicle.outline import (

@@ -8,7 +8,7 @@ from PIL import Image
 from cnca.build import build_worlds
 from cnca.core.errors import MeshError, SceneError
 from cnca.scene.cameras import Spot
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 OBJ = """mtllib town.mtl
 v -10 -10 0

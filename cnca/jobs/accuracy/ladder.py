@@ -41,7 +41,7 @@ from cnca.jobs.accuracy.records import (
 )
 from cnca.jobs.accuracy.reference import Bench, Reference, agreement, converge, fingerprint
 from cnca.jobs.accuracy.request import AccuracyRequest
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 TARGETS = (0.01, 0.02, 0.05, 0.10)
 """Errors whose plans are marked."""

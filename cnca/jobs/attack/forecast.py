@@ -27,7 +27,7 @@ from cnca.jobs.attack.run import assemble
 from cnca.judge.evaluate import Shots, evaluate
 from cnca.judge.held_out import held_out_shots
 from cnca.report import MEANING
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,9 @@ from cnca.jobs.attack.budget import decided
 from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.verdict import judge
 from cnca.judge.summary import Summary
+from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import TextureGenerator
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.schema import Scene
 
 CHECKPOINT = "checkpoint.pt"
 

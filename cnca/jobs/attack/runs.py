@@ -24,7 +24,7 @@ from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.run import claim, run
 from cnca.judge.naturalness import Naturalness, of_run
 from cnca.judge.summary import Summary
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 TILE = 224
 """Pixels per side of a texture in a table's picture."""

@@ -22,7 +22,7 @@ from cnca.jobs.datasets.coco import Mask
 from cnca.jobs.datasets.layout import DataSet
 from cnca.scene.cameras import View
 from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.outline import fit_lift, outline_distances, photographed_silhouette, silhouette
 

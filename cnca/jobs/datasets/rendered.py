@@ -32,8 +32,9 @@ from cnca.mi_bridge.backgrounds import BACKGROUND_SEED
 from cnca.scene.cameras import View
 from cnca.scene.grid import COLOURS, SHARING, Grid, Setting
 from cnca.scene.layers import Sighting
+from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import SightingRenderer
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.schema import Scene
 from cnca.scene.weather import Weather
 
 

@@ -28,7 +28,7 @@ from cnca.judge.stage import Eye, Stage, see
 from cnca.judge.verdict import Seen
 from cnca.report.evidence_pictures import contact_sheet, plot_azimuths, plot_sections
 from cnca.report.tables import write_markdown
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 JOB = "evaluate"
 """Which command's results the folder holds."""

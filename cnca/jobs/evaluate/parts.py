@@ -21,8 +21,9 @@ from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import digest, kept_pictures
 from cnca.judge.held_out import held_out_shots
 from cnca.judge.stage import Eye, Stage, scene_key
+from cnca.scene.load_scene import load_scene
 from cnca.scene.paper_grid import find_grid, grid_shots
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.schema import Scene
 from cnca.vehicle.model import Vehicle
 
 

@@ -22,8 +22,9 @@ from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.evaluate import Result, evaluate
 from cnca.judge.held_out import held_out_shots
 from cnca.judge.records import Estimate
+from cnca.scene.load_scene import load_scene
 from cnca.scene.paint import Paint
-from cnca.scene.schema import Scene, load_scene
+from cnca.scene.schema import Scene
 from cnca.vehicle.model import Vehicle
 
 RUN_FILES = ("manifest.json", "summary.json", "texture.png")

@@ -23,7 +23,8 @@ from cnca.core.records import as_json
 from cnca.core.types import LinearImages, SrgbTexture
 from cnca.jobs.vehicle.reorder_uv import SQUARE, checkerboard
 from cnca.scene.cameras import orbit_view
-from cnca.scene.schema import Scene, VehicleSection, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import Scene, VehicleSection
 from cnca.scene.shipped import scene_file
 from cnca.vehicle.mesh.checkup import Finding, check, mended
 from cnca.vehicle.mesh.load_mesh import BUILTIN

@@ -20,7 +20,7 @@ from cnca.jobs.accuracy.ladder import Rung, accuracy, pareto_front
 from cnca.jobs.accuracy.price_list import describe_reference
 from cnca.jobs.accuracy.records import ReferenceRecord
 from cnca.jobs.accuracy.request import AccuracyRequest
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 QUIET = Console(quiet=True)
 

@@ -24,7 +24,7 @@ from cnca.detect import BUILTIN_CONFIG, detector_files
 from cnca.detect.white_box import DarknetDetector
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import run
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from tests.fakes import BrightnessDetector
 from tests.gen.tiny import save_pipeline, tiny_pipeline
 

@@ -20,7 +20,7 @@ from cnca.jobs.attack import auto_tau, runs
 from cnca.jobs.attack.request import Request
 from cnca.jobs.attack.run import claim
 from cnca.judge.summary import Summary
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 
 QUIET = Console(quiet=True)
 

@@ -13,7 +13,7 @@ from cnca.jobs.evaluate.frames import MaskedRenderer, OverFrames, read_frames
 from cnca.jobs.evaluate.parts import build_stages
 from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.scene.cameras import orbit_view
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from cnca.scene.weather import Weather
 from tests.fakes import FlatRenderer
 

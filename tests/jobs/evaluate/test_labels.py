@@ -15,7 +15,7 @@ from cnca.detect import BUILTIN_CONFIG, detector_files
 from cnca.jobs.attack import run
 from cnca.jobs.evaluate import evaluation
 from cnca.jobs.evaluate.request import EvaluationRequest as Request
-from cnca.scene.schema import load_scene
+from cnca.scene.load_scene import load_scene
 from tests.fakes import BOX, FlatRenderer
 
 SCENE = """

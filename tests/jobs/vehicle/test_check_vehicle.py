@@ -13,7 +13,8 @@ from cnca.cli import app
 from cnca.core.errors import MeshError
 from cnca.jobs.vehicle import check_vehicle as module
 from cnca.jobs.vehicle.check_vehicle import check_vehicle
-from cnca.scene.schema import VehicleSection, load_scene
+from cnca.scene.load_scene import load_scene
+from cnca.scene.schema import VehicleSection
 from cnca.vehicle.mesh.load_mesh import load_vehicle
 from cnca.vehicle.mesh.pieces import read_pieces
 from cnca.vehicle.mesh.write_mesh import write_obj

@@ -1,0 +1,34 @@
+"""Values of a scene file and the ranges that they lie in."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, StringConstraints
+
+from cnca.scene.weather import MOST_ASYMMETRY
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"a range is written [low, high], got [{pair[0]:g}, {pair[1]:g}]")
+    return pair
+
+
+Unit = Annotated[float, Field(ge=0, le=1)]
+Color = tuple[Unit, Unit, Unit]
+Altitude = Annotated[float, Field(ge=-90, le=90)]
+Elevation = Annotated[float, Field(ge=-90, le=90)]
+Azimuth = Annotated[float, Field(ge=-360, le=720)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+FieldOfView = Annotated[float, Field(gt=0, lt=180)]
+Asymmetry = Annotated[float, Field(ge=-MOST_ASYMMETRY, le=MOST_ASYMMETRY)]
+
+Label = Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)]
+
+Range = Annotated[tuple[Coordinate, Coordinate], AfterValidator(_ascending)]
+PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_ascending)]
+AltitudeRange = Annotated[tuple[Altitude, Altitude], AfterValidator(_ascending)]
+ElevationRange = Annotated[tuple[Elevation, Elevation], AfterValidator(_ascending)]
