@@ -37,9 +37,11 @@ def refuse_black_boxes(targets: Sequence[Target]) -> None:
     """Raise DetectorError for a detector that gives no gradient."""
     for target in targets:
         if not target.detector.differentiable:
+            reason = getattr(target.detector, "why_black", "")
             raise DetectorError(
-                f"detector {target.name}: gives no gradient, so it can only judge; attack a .cfg, "
-                "a folder of transformers or a torchvision model, then cnca evaluate --detector"
+                f"detector {target.name}: gives no gradient{reason and f' ({reason})'}, so it can "
+                "only judge; attack a .cfg, another .onnx, a folder of transformers or a "
+                "torchvision model, then cnca evaluate --detector"
             )
 
 

@@ -19,6 +19,8 @@ class CandidateDetector(ABC):
     name: str
     class_names: Sequence[str]
     differentiable: bool
+    why_black: str = ""
+    """Why a detector that might have a gradient has none."""
 
     @abstractmethod
     def candidates(self, images: SrgbImages) -> Candidates:

@@ -1,50 +1,35 @@
-"""Detectors as ONNX files, run by ONNX Runtime: black boxes, without gradient."""
+"""Detectors as ONNX files: white boxes where torch computes the same as ONNX Runtime."""
 
 from __future__ import annotations
 
 import ast
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-import onnxruntime
+import onnx
 import torch
-from jaxtyping import Float
 from torch import Tensor
 from torch.nn.functional import pad
 
-from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.errors import DetectorError
 from cnca.core.types import Candidates, SrgbImages
 from cnca.detect.base import CandidateDetector
+from cnca.detect.graph.check import NoGradientError, white_box
+from cnca.detect.graph.network import OnnxNetwork
 from cnca.detect.onnx_decode import Unknown
-from cnca.detect.onnx_layouts import Outputs, find_layout
+from cnca.detect.onnx_heads import heads, read_model
+from cnca.detect.onnx_layouts import Layout, find_layout
 from cnca.detect.onnx_options import Options, read_options
-
-TYPES = {
-    "tensor(float)": np.float32,
-    "tensor(float16)": np.float16,
-    "tensor(double)": np.float64,
-    "tensor(uint8)": np.uint8,
-    "tensor(int64)": np.int64,
-    "tensor(int32)": np.int32,
-}
-MOST_PIXELS = 2**26
-"""Of one call."""
-ONES = ("scale_factor", "pixel_mask", "mask")
-"""Further inputs by name: how much the picture was scaled, and where there is one."""
-HEIGHT_WIDTH, WIDTH_HEIGHT = ("im_shape", "image_shape"), ("orig_target_sizes", "orig_size")
-"""Further inputs by name: the size to which boxes are scaled; here always that of the input."""
+from cnca.detect.onnx_runtime import Pictures, Runtime
 
 
 class OnnxDetector(CandidateDetector):
     """A network of one of the layouts in :mod:`cnca.detect.onnx_layouts`.
 
     What the graph does not tell stands in a YAML file of the same stem beside it
-    (:class:`cnca.detect.onnx_options.Options`).
+    (:class:`cnca.detect.onnx_options.Options`).  Pictures that ask for a gradient go through the
+    same graph in torch; all others through ONNX Runtime, which is faster.
     """
-
-    differentiable = False
 
     def __init__(self, path: Path, *, name: str | None = None) -> None:
         """Open ``path``.
@@ -54,132 +39,92 @@ class OnnxDetector(CandidateDetector):
         """
         self.path = path
         self.name = name or path.stem
-        self.session = _open_session(path)
-        options = read_options(path.with_suffix(".yaml"))
-        self._read_input(options)
-        self.outputs = _chosen_outputs(self.session, options, path)
+        self.options = read_options(path.with_suffix(".yaml"))
+        own = read_model(path)
+        self.runtime, self.layout, model = self._open(own)
+        self.entry = self.options.entry(self.layout.entry)
+        self.class_names = tuple(self.layout.class_names)
+        self.network: OnnxNetwork | None = None
         try:
-            first = self._run(np.zeros((self.batch, 3, *self.size), np.float32))
+            self.network = self._in_torch(model)
+        except NoGradientError as error:
+            self.why_black = str(error)
+        self.differentiable = self.network is not None
+
+    def _open(self, own: onnx.ModelProto | None) -> tuple[Runtime, Layout, onnx.ModelProto | None]:
+        """The first head with a known layout, and the graph that ends there."""
+        *early, (_, last) = heads(self.path, own, self.options)
+        for model, options in early:
+            try:
+                return *self._head(Runtime(self.path, options, model), options), model
+            except (DetectorError, Unknown):
+                continue
+        runtime = Runtime(self.path, last)
+        try:
+            return *self._head(runtime, last), own
+        except Unknown as error:
+            raise DetectorError(
+                f"{self.path}: {error}; state layout, classes or strides in "
+                f"{self.path.with_suffix('.yaml').name}"
+            ) from None
+
+    def _head(self, runtime: Runtime, options: Options) -> tuple[Runtime, Layout]:
+        """How boxes leave it, told from a picture of zeros; raises Unknown or DetectorError."""
+        try:
+            first = runtime.run(torch.zeros(runtime.batch, 3, *runtime.size))
         except DetectorError:
             raise
         except Exception as error:  # ONNX Runtime's errors share no other base class
             reason = str(error).splitlines()[0]
-            raise DetectorError(f"{path}: ONNX Runtime cannot run it ({reason})") from error
-        names = options.names() or _names_inside(self.session)
+            raise DetectorError(f"{self.path}: ONNX Runtime cannot run it ({reason})") from error
+        names = options.names() or _names_inside(runtime)
         try:
-            self.layout = find_layout(first, self.size, names, options)
+            return runtime, find_layout(first, runtime.size, names, options)
         except Unknown as error:
             shapes = ", ".join(f"{name} {tuple(o.shape)}" for name, o in first.items())
-            raise DetectorError(
-                f"{path}: outputs {shapes} for an input of {self.size}: {error}; state layout, "
-                f"classes or strides in {path.with_suffix('.yaml').name}"
-            ) from None
-        self.entry = options.entry(self.layout.entry)
-        self.class_names = tuple(self.layout.class_names)
+            raise Unknown(f"outputs {shapes} for an input of {runtime.size}: {error}") from None
 
-    def _read_input(self, options: Options) -> None:
-        """Type, order of axes, batch and size of the input that takes pictures."""
-        inputs = self.session.get_inputs()
-        picture = next((entry for entry in inputs if len(entry.shape) == 4), inputs[0])
-        shape = picture.shape
-        if len(shape) != 4 or 3 not in (shape[1], shape[3]):
-            raise DetectorError(
-                f"{self.path}: input '{picture.name}' has shape {shape}, must be "
-                "(batch, 3, height, width) or (batch, height, width, 3)"
-            )
-        self.input_name: str = picture.name
-        self.channels_last = shape[1] != 3
-        self.batch = shape[0] if isinstance(shape[0], int) else 1
-        self.type = TYPES.get(picture.type, np.float32)
-        size = shape[1:3] if self.channels_last else shape[2:4]
-        if not all(isinstance(pixels, int) for pixels in size):
-            if options.size is None:
-                raise DetectorError(
-                    f"{self.path}: input '{picture.name}' has shape {shape}; state size: [height, "
-                    f"width] in {self.path.with_suffix('.yaml').name}, or export with a fixed one"
-                )
-            size = options.size
-        self.size = (int(size[0]), int(size[1]))
-        if min(self.batch, *self.size) < 1 or self.batch * math.prod(self.size) > MOST_PIXELS:
-            raise DetectorError(
-                f"{self.path}: input '{picture.name}' takes {self.batch} pictures of "
-                f"{self.size[0]} × {self.size[1]} pixels; export it for pictures of a usual size"
-            )
+    def _in_torch(self, model: onnx.ModelProto | None) -> OnnxNetwork:
+        """The graph as a torch module, compared on noise; raises NoGradientError."""
+        if model is None:
+            raise NoGradientError("the file cannot be read by the package onnx")
+        size = (self.runtime.batch, 3, *self.runtime.size)
+        noise = torch.rand(size, generator=torch.Generator().manual_seed(0))
+        pictures, _ = self.entry.prepare(SrgbImages(noise), self.runtime.size)
+        pictures = pictures.round() if self.runtime.takes_whole_numbers else pictures
+        inputs, expected = self.runtime.inputs(pictures), self.runtime.run(pictures)
+        return white_box(model, inputs, self.runtime.input_name, expected)
 
-    @torch.no_grad()
     def candidates(self, images: SrgbImages) -> Candidates:
-        """Return all boxes in pixels of ``images``, without gradient, on the images' device."""
-        inputs, placement = self.entry.prepare(SrgbImages(images.float().cpu()), self.size)
+        """Return all boxes in pixels of ``images``, on the images' device.
+
+        Differentiable in ``images`` where the detector is.
+        """
+        size, batch = self.runtime.size, self.runtime.batch
+        inputs, placement = self.entry.prepare(SrgbImages(images.float().cpu()), size)
         parts = []
-        for part in inputs.split(self.batch):
+        for part in inputs.split(batch):
             # The batch of the graph is fixed: a smaller part is filled up with zeros.
-            filled = pad(part, (0, 0, 0, 0, 0, 0, 0, self.batch - len(part)))
-            found = self.layout.decode(self._run(filled.numpy()))
+            filled = pad(part, (0, 0, 0, 0, 0, 0, 0, batch - len(part)))
+            found = self.layout.decode(self._outputs(filled))
             parts.append([t[: len(part)] for t in vars(found).values()])
         boxes, objectness, scores = (
             _stacked(part).to(images.device) for part in zip(*parts, strict=True)
         )
         return Candidates(placement.back(boxes), objectness, scores)
 
-    def _run(self, inputs: Float[np.ndarray, "batch 3 height width"]) -> Outputs:
-        """One call of the network."""
-        if self.channels_last:
-            inputs = inputs.transpose(0, 2, 3, 1)
-        if np.issubdtype(self.type, np.integer):
-            inputs = inputs.round()
-        feed = {self.input_name: np.ascontiguousarray(inputs.astype(self.type))}
-        for other in self.session.get_inputs():
-            if other.name != self.input_name:
-                feed[other.name] = self._further_input(other)
-        found = self.session.run(self.outputs, feed)
-        tensors = (torch.from_numpy(np.asarray(values)) for values in found)
-        # Half precision becomes single; whole numbers stay, they tell labels from scores.
-        tensors = (t.float() if t.is_floating_point() else t for t in tensors)
-        return dict(zip(self.outputs, tensors, strict=True))
-
-    def _further_input(self, entry: onnxruntime.NodeArg) -> np.ndarray:
-        name, rank = entry.name, len(entry.shape)
-        kind = TYPES.get(entry.type, np.float32)
-        if name in ONES:
-            return np.ones((self.batch, *(self.size if rank == 3 else (2,))), kind)
-        if name in HEIGHT_WIDTH:
-            return np.array([self.size] * self.batch, kind)
-        if name in WIDTH_HEIGHT:
-            return np.array([self.size[::-1]] * self.batch, kind)
-        raise DetectorError(
-            f"{self.path}: input '{name}' is unknown; export the model with the picture alone"
-        )
+    def _outputs(self, pictures: Pictures) -> Mapping[str, Tensor]:
+        """One call of the network, with a gradient where one is asked for."""
+        if self.network is None or not pictures.requires_grad:
+            return self.runtime.run(pictures)
+        found = self.network(self.runtime.inputs(pictures))
+        return {name: found[name] for name in self.runtime.outputs}
 
 
-def _open_session(path: Path) -> onnxruntime.InferenceSession:
-    if not path.is_file():
-        raise DetectorError(f"{path}: no such file; give the path of an .onnx detector")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = torch.get_num_threads()
-    options.log_severity_level = 3  # errors alone: warnings about shapes are not the user's
-    try:
-        return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime's errors share no other base class
-        reason = str(error).splitlines()[0]
-        raise DetectorError(f"{path}: ONNX Runtime cannot open it ({reason})") from error
-
-
-def _chosen_outputs(
-    session: onnxruntime.InferenceSession, options: Options, path: Path
-) -> list[str]:
-    known = [output.name for output in session.get_outputs()]
-    for name in options.outputs or ():
-        if name not in known:
-            hint = did_you_mean(name, known)
-            there = f"the graph has {', '.join(known)}"
-            raise DetectorError(f"{path.with_suffix('.yaml')}: no output '{name}'; {there}{hint}")
-    return list(options.outputs or known)
-
-
-def _names_inside(session: onnxruntime.InferenceSession) -> Sequence[str] | None:
+def _names_inside(runtime: Runtime) -> Sequence[str] | None:
     """The class names that Ultralytics' exports carry, ``{0: 'person', …}``."""
     try:
-        names = ast.literal_eval(session.get_modelmeta().custom_metadata_map["names"])
+        names = ast.literal_eval(runtime.session.get_modelmeta().custom_metadata_map["names"])
         return tuple(names[i] for i in range(len(names))) if isinstance(names, dict) else None
     except (KeyError, ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
         return None
