@@ -13,6 +13,7 @@ from cnca.cli.options import Given, Scorer, takes
 from cnca.core.errors import RunError
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
 from cnca.jobs.attack.request import Request
+from cnca.jobs.transfer_request import Judging
 
 DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "zebra strips"
 
@@ -127,6 +128,27 @@ def prompts(
     request = bounded(_asked(given, preset, prompt=wanted[0]), tau)
     prompts(request, wanted, load_scorer(scorer), show.messages())
     show.attack_table(request.out, "prompts")
+
+
+@app.command(rich_help_panel=ATTACK)
+@takes(Request, Judging, without=["resume"])
+def transfer(
+    given: Given[Request], judging: Given[Judging], preset: Preset = "best", tau: Tau = None
+) -> None:
+    """Attack each white box in turn and let every detector judge: a square with intervals.
+
+    The same command goes on after an interruption.
+    """
+    from cnca.cli import show
+    from cnca.core.interrupts import resumable
+    from cnca.jobs.attack.runs import bounded
+    from cnca.jobs.transfer import square_rows, transfer
+
+    request, console = bounded(_asked(given, preset), tau), show.messages()
+    with resumable(console, f"the same command goes on in {request.out}"):
+        results = transfer(request, judging.record(), console)
+    show.table(*square_rows(results))
+    show.ending({"table": request.out / "transfer.md", "numbers": request.out / "transfer.json"})
 
 
 @app.command(rich_help_panel=BEGIN)

@@ -59,7 +59,7 @@ def evaluate(
 
 
 @app.command(rich_help_panel=JUDGE)
-@takes(EvaluationRequest, without=["grid", "carla", "fov", "prompt", "generator"])
+@takes(EvaluationRequest, without=["grid", "carla", "fov", "prompt", "generator", "protocol"])
 def table1(
     given: Given[EvaluationRequest],
     scene: Annotated[
@@ -102,11 +102,14 @@ def _judge_views(request: EvaluationRequest) -> None:
     """Evaluate textures with progress, then say what each reaches."""
     from cnca.cli import show
     from cnca.core import parallel
-    from cnca.report.tables import headlines
+    from cnca.report.tables import headlines, protocol_rows
 
     with parallel.joined():
         results = _evaluated(request)
-        show.evidence(results)
+        if request.protocol:
+            show.table(*protocol_rows(results, request.protocol))
+        else:
+            show.evidence(results)
         for sentence in headlines(results):
             show.line(sentence)
         show.ending({"tables and pictures": request.out / "results.md"}, ["report", request.out])

@@ -25,6 +25,10 @@ EXAMPLES = {
     ],
     "tradeoff": [f'tradeoff {SCENE} --prompt "zebra stripes" --taus 0.5,1,inf --out out/taus'],
     "prompts": [f'prompts {SCENE} "zebra stripes" "yellow black graffiti" --out out/prompts'],
+    "transfer": [
+        f'transfer {SCENE} --prompt "zebra strips" --detector a.onnx --detector b.cfg '
+        "--judge c.onnx --judge-scene builtin:sedan_fog --out out/transfer"
+    ],
     "demo": ["demo --out out/demo --steps 40"],
     "evaluate": [
         f"evaluate {SCENE} --texture out/sedan --views 48 --out out/evidence",

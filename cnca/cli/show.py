@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -42,6 +43,8 @@ LAYOUT = {
     "overlap": "share of it used twice",
 }
 """Measures of a UV layout, of the painted faces that can be seen from outside."""
+TURNED = 2
+"""Columns that a table may have without being turned, however narrow the terminal."""
 GRADIENT = {"seconds": ".2f", "cosine": ".3f", "length": ".3f"}
 """Measures of a shortened gradient, with their digits."""
 
@@ -57,13 +60,34 @@ def line(text: object) -> None:
 
 
 def table(headings: list[str], rows: list[list[str]]) -> None:
-    """Rows under their headings; what is wider than the terminal wraps, and nothing is cut."""
-    shown = Table()
+    """Rows under their headings; what is wider than the terminal wraps between words.
+
+    Where a column would be narrower than its longest word, names and numbers would be cut: then
+    each row becomes a table of its own below its name, with the headings at the left.
+    """
+    console = Console()
+    widths = [max(map(_longest_word, column)) for column in zip(headings, *rows, strict=True)]
+    if sum(widths) + 3 * len(widths) + 1 <= console.width or len(headings) <= TURNED:
+        console.print(_drawn(headings, rows))
+        return
+    for row in rows:
+        line(row[0])
+        pairs = list(zip(headings, row, strict=True))[1:]
+        console.print(_drawn(["", ""], [list(pair) for pair in pairs]))
+
+
+def _drawn(headings: list[str], rows: list[list[str]]) -> Table:
+    """The headings are left out where all are empty."""
+    shown = Table(show_header=any(headings))
     for heading in headings:
-        shown.add_column(heading, overflow="fold")
+        shown.add_column(Text(heading), overflow="fold")
     for row in rows:
         shown.add_row(*map(Text, row))
-    Console().print(shown)
+    return shown
+
+
+def _longest_word(text: str) -> int:
+    return max(map(cell_len, text.split()), default=0)
 
 
 def ending(results: Mapping[str, Path], *following: list[object]) -> None:

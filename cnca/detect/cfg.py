@@ -32,6 +32,10 @@ _READ = {
     "upsample": "stride",
     "maxpool": "size stride padding",
     "dropout": "probability",
+    "avgpool": "",
+    "scale_channels": "from activation scale_wh",
+    "sam": "from activation",
+    "reorg": "stride reverse",
     "yolo": "mask anchors classes num scale_x_y new_coords",
     "anchor_free": "classes",  # our own; Darknet has no such head
 }
@@ -112,7 +116,7 @@ def read_config(path: Path) -> Config:
         DetectorError: the file cannot be read, or a section or key in it is unknown.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # editors on Windows write a mark first
     except (OSError, UnicodeDecodeError) as error:
         raise DetectorError(f"{path}: cannot be read as a Darknet .cfg ({error})") from error
     return parse_config(text, path)

@@ -56,7 +56,7 @@ def read_names(path: Path) -> list[str]:
         DetectorError: the file cannot be read.
     """
     try:
-        names = path.read_text(encoding="utf-8").split("\n")
+        names = path.read_text(encoding="utf-8-sig").split("\n")
     except (OSError, UnicodeDecodeError) as error:
         raise DetectorError(f"{path}: names cannot be read ({error})") from error
     return [name.strip() for name in names if name.strip()]

@@ -6,7 +6,6 @@ A layer is called with the previous layer's output and the outputs that later la
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 
 import torch
 from jaxtyping import Float
@@ -16,6 +15,8 @@ from torch.nn import functional
 from cnca.core.errors import did_you_mean
 from cnca.detect.anchor_free import AnchorFreeHead, anchor_free_head
 from cnca.detect.cfg import SECTIONS, Config, Section
+from cnca.detect.darknet_attention import attention_layer
+from cnca.detect.darknet_keys import Features, Outputs, activation, shape, sources
 from cnca.detect.yolo import YoloHead, yolo_head
 
 BATCH_NORM_EPSILON = 1e-5
@@ -24,20 +25,6 @@ BATCH_NORM_EPSILON = 1e-5
 MOST_VALUES = 2**28
 """Weights of a network, or values between two layers for one picture: 1 GiB."""
 
-ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
-    "linear": lambda x: x,
-    "leaky": lambda x: functional.leaky_relu(x, 0.1),
-    "relu": functional.relu,
-    "relu6": functional.relu6,
-    "mish": functional.mish,
-    "swish": functional.silu,
-    "logistic": torch.sigmoid,
-    "tanh": torch.tanh,
-    "elu": functional.elu,
-}
-
-Features = Float[Tensor, "batch _ _ _"]
-Outputs = Mapping[int, Features]
 Head = YoloHead | AnchorFreeHead
 
 
@@ -56,7 +43,7 @@ class Convolution(nn.Module):
             channels, filters, size, stride, padding, groups=groups, bias=not normalised
         )
         self.norm = nn.BatchNorm2d(filters, BATCH_NORM_EPSILON) if normalised else None
-        self.activation = _activation(section, "logistic")
+        self.activation = activation(section, "logistic")
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
         """Convolve, normalise, activate."""
@@ -86,14 +73,14 @@ class Shortcut(nn.Module):
 
     def __init__(self, section: Section, index: int) -> None:
         super().__init__()
-        self.sources = _sources(section, "from", index)
-        self.activation = _activation(section, "linear")
+        self.sources = sources(section, "from", index)
+        self.activation = activation(section, "linear")
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
         """Add the sources."""
         for source in self.sources:
             if outputs[source].shape != x.shape:
-                raise ValueError(f"cannot add shapes {_shape(x)} and {_shape(outputs[source])}")
+                raise ValueError(f"cannot add shapes {shape(x)} and {shape(outputs[source])}")
             x = x + outputs[source]
         return self.activation(x)
 
@@ -103,7 +90,7 @@ class Route(nn.Module):
 
     def __init__(self, section: Section, index: int) -> None:
         super().__init__()
-        self.sources = _sources(section, "layers", index)
+        self.sources = sources(section, "layers", index)
         self.groups = section.integer("groups", 1, least=1)
         self.group = section.integer("group_id", 0)
         if self.group >= self.groups:
@@ -115,7 +102,7 @@ class Route(nn.Module):
         if any(part.shape[1] % self.groups for part in parts):
             raise ValueError(f"groups={self.groups} does not divide the channels of its sources")
         if len({part.shape[2:] for part in parts}) > 1:
-            raise ValueError(f"shapes {', '.join(map(_shape, parts))} cannot be joined")
+            raise ValueError(f"shapes {', '.join(map(shape, parts))} cannot be joined")
         return torch.cat([part.chunk(self.groups, dim=1)[self.group] for part in parts], dim=1)
 
 
@@ -229,27 +216,10 @@ def _build_layer(section: Section, index: int, channels: int) -> nn.Module:
             return Upsample(section)
         case "dropout":
             return Dropout(section)
+        case "avgpool" | "scale_channels" | "sam" | "reorg":
+            return attention_layer(section, index)
         case "yolo":
             return yolo_head(section, channels)
         case "anchor_free":
             return anchor_free_head(section, channels)
     raise section.error(f"is not supported{did_you_mean(section.kind, SECTIONS)}")
-
-
-def _sources(section: Section, key: str, index: int) -> tuple[int, ...]:
-    """Absolute numbers of the layers that ``key`` names; negative ones count back from here."""
-    sources = tuple(n if n >= 0 else index + n for n in section.integers(key))
-    if not sources or any(not 0 <= source < index for source in sources):
-        raise section.error(f"{key}={section.text(key, '')} must name earlier layers")
-    return sources
-
-
-def _activation(section: Section, default: str) -> Callable[[Tensor], Tensor]:
-    name = section.text("activation", default)
-    if name not in ACTIVATIONS:
-        raise section.error(f"unknown activation '{name}'{did_you_mean(name, ACTIVATIONS)}")
-    return ACTIVATIONS[name]
-
-
-def _shape(x: Features) -> str:
-    return "×".join(map(str, x.shape[1:]))

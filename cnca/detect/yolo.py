@@ -21,9 +21,21 @@ LARGEST_EXPONENT = 8.0
 class YoloHead(nn.Module):
     """Marks a place where boxes are read off; passes its input on unchanged."""
 
-    def __init__(self, anchors: list[tuple[float, float]], classes: int, scale_xy: float) -> None:
-        """``anchors`` are widths and heights in pixels of the network's input."""
+    def __init__(
+        self,
+        anchors: list[tuple[float, float]],
+        classes: int,
+        scale_xy: float,
+        *,
+        new_coords: bool = False,
+    ) -> None:
+        """``anchors`` are widths and heights in pixels of the network's input.
+
+        ``new_coords`` (scaled YOLOv4, Wang et al. 2021, and YOLOv7): the layer before has already
+        taken the logistic function of everything, and sizes are (2 t)² anchors.
+        """
         super().__init__()
+        self.new_coords = new_coords
         self.anchors = anchors
         self.classes = classes
         self.scale_xy = scale_xy
@@ -46,10 +58,13 @@ class YoloHead(nn.Module):
         """xyxy in pixels of the network's input; ``stride`` is a cell's (width, height) in them."""
         cells = cell_corners(split.shape[2], split.shape[3], split)
         # scale_x_y lets centres reach the cell's border (Bochkovskiy et al. 2020, section 3.3).
-        inside = split[..., :2].sigmoid() * self.scale_xy - (self.scale_xy - 1) / 2
+        inside = self._probability(split[..., :2]) * self.scale_xy - (self.scale_xy - 1) / 2
         centres = (cells + inside) * split.new_tensor(stride)
         anchors = split.new_tensor(self.anchors)[None, :, None, None, :]
-        sizes = split[..., 2:4].clamp(max=LARGEST_EXPONENT).exp() * anchors
+        if self.new_coords:
+            sizes = (2 * split[..., 2:4]).square() * anchors
+        else:
+            sizes = split[..., 2:4].clamp(max=LARGEST_EXPONENT).exp() * anchors
         return cxcywh_to_xyxy(torch.cat([centres, sizes], dim=-1))
 
     def start(self, bias: Tensor, prior: float) -> None:
@@ -64,15 +79,16 @@ class YoloHead(nn.Module):
         stride = (size[1] / split.shape[3], size[0] / split.shape[2])
         return Candidates(
             boxes=self.boxes(split, stride).flatten(1, 3),
-            objectness=split[..., 4].sigmoid().flatten(1),
-            class_scores=split[..., 5:].sigmoid().flatten(1, 3),
+            objectness=self._probability(split[..., 4]).flatten(1),
+            class_scores=self._probability(split[..., 5:]).flatten(1, 3),
         )
+
+    def _probability(self, values: Tensor) -> Tensor:
+        return values.clamp(0, 1) if self.new_coords else values.sigmoid()
 
 
 def yolo_head(section: Section, channels: int) -> YoloHead:
     """Build a head from a ``[yolo]`` section that ``channels`` values enter."""
-    if section.integer("new_coords", 0):
-        raise section.error("new_coords=1 (scaled YOLOv4) is not supported; use new_coords=0")
     values = section.numbers("anchors")
     pairs = list(zip(values[0::2], values[1::2], strict=False))
     expected = 2 * section.integer("num", len(pairs))
@@ -87,4 +103,9 @@ def yolo_head(section: Section, channels: int) -> YoloHead:
             f"{len(mask)} anchors × (5 + {classes} classes) need {len(mask) * (5 + classes)} "
             f"filters in the layer before, found {channels}"
         )
-    return YoloHead([pairs[i] for i in mask], classes, section.number("scale_x_y", 1.0))
+    return YoloHead(
+        [pairs[i] for i in mask],
+        classes,
+        section.number("scale_x_y", 1.0),
+        new_coords=bool(section.integer("new_coords", 0)),
+    )

@@ -56,9 +56,9 @@ def photograph(renderer: Renderer, albedo: LinearTexture, shots: Shots, weather:
     return SrgbImages((linear_to_srgb(rendered) * 255).round() / 255)
 
 
-def look(detector: Detector, images: SrgbImages) -> list[Detections]:
-    """All detections of at least :data:`LEAST_SCORE` in each image."""
-    return [detector.detect(image[None], score_threshold=LEAST_SCORE)[0] for image in images]
+def look(detector: Detector, images: SrgbImages, least: float = LEAST_SCORE) -> list[Detections]:
+    """All detections of at least this confidence in each image."""
+    return [detector.detect(image[None], score_threshold=least)[0] for image in images]
 
 
 def evaluate(

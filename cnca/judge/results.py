@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
+from cnca.judge import protocol_names
 from cnca.judge.bootstrap import resample
 from cnca.judge.candidates import controls_of
 from cnca.judge.records import Comparison, Evidence, Scores, SectionScores
@@ -47,7 +48,7 @@ def judge(
         label=stages[0].label,
         candidates=list(candidates),
         rows=list(seen),
-        measures=MEASURES,
+        measures={**MEASURES, **protocol_names.MEASURES},
         all=estimates(measured),
         comparisons=_compare(measured, stages[0].label, list(candidates), list(seen), len(truth)),
         sections=_sections(seen, truth, weights, table),

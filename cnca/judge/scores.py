@@ -51,6 +51,12 @@ def detection_score(
     return float(of_class.scores[hit].max()) if bool(hit.any()) else 0.0
 
 
+def best_scores(found: Sequence[Detections], boxes: Boxes) -> Float[Tensor, " views"]:
+    """The :func:`detection_score` of class 0 in each view, whose vehicle is at its box."""
+    scores = [detection_score(each, box, 0) for each, box in zip(found, boxes, strict=True)]
+    return torch.tensor(scores, dtype=torch.float64)
+
+
 def as_one_class(detections: Detections, labels: Sequence[int]) -> Detections:
     """The detections of any of these classes as class 0, suppressed across the classes.
 
@@ -71,6 +77,8 @@ class Ranking:
     kind: Kind
     hits: Bool[Tensor, " found"]
     """Whether each finds an object that none before it has found."""
+    scores: Float[Tensor, " found"]
+    """Confidence of each."""
     images: Int[Tensor, " found"]
     """Index of the image that each belongs to."""
     points: Int[Tensor, " points"]
@@ -155,6 +163,7 @@ def rank(
     return Ranking(
         kind=kind,
         hits=torch.cat(hits)[order],
+        scores=ranked,
         images=torch.repeat_interleave(torch.tensor(images, dtype=torch.long))[order],
         points=torch.nonzero(last_of_score)[:, 0],
         objects=torch.tensor([len(boxes) for boxes in truths], dtype=torch.float64),

@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 
 from cnca.core import parallel
+from cnca.core.detections import FAINTEST_SCORE
 from cnca.core.manifest import DRAWING, program
 from cnca.core.types import Boxes, Detections, SrgbImages
 from cnca.detect.classes import CAR
@@ -110,9 +111,9 @@ class Stage:
             path = self.folder / "detections" / eye.folder / self._place(row, weather)
 
             def seen(eye: Eye = eye) -> list[Detections]:
-                return look(eye.detector, pictures())
+                return look(eye.detector, pictures(), FAINTEST_SCORE)
 
-            found[eye.name] = kept_detections(path, digest(key, eye.key), seen)
+            found[eye.name] = kept_detections(path, digest(key, eye.key, FAINTEST_SCORE), seen)
         return found
 
     def _shoot(self, row: str, weather: int) -> tuple[str, Callable[[], SrgbImages]]:

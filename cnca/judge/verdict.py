@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from cnca.core.detections import ALARM
-from cnca.core.types import Boxes, Detections
+from cnca.core.detections import ALARM, FAINTEST_SCORE, LEAST_SCORE
+from cnca.core.types import Detections
 from cnca.detect.classes import CAR, counted, vehicle_labels
 from cnca.judge.bootstrap import Sampled, mean
+from cnca.judge.protocols import measure_by_protocols
 from cnca.judge.records import Scores
-from cnca.judge.scores import Kind, as_one_class, detection_score, rank
+from cnca.judge.scores import Kind, as_one_class, best_scores, rank
 from cnca.judge.truth import Truth
 
 MEASURES = {
@@ -53,13 +53,13 @@ class Seen:
         """The vehicle's class, and ``vehicle``; see :func:`cnca.detect.classes.counted`."""
         return tuple(counted(self.label))
 
-    def column(self, name: str) -> list[Detections]:
-        """The detections that count in a column, as class 0.
+    def column(self, name: str, least: float = LEAST_SCORE) -> list[Detections]:
+        """The detections that count in a column, as class 0, from the confidence ``least`` on.
 
         Raises DetectorError where the detector does not know the vehicle's class.
         """
         labels = vehicle_labels(self.class_names, self.label)[name]
-        return [as_one_class(found, labels) for found in self.detections]
+        return [as_one_class(found.above(least), labels) for found in self.detections]
 
 
 def measure(
@@ -69,7 +69,8 @@ def measure(
 
     ``before`` is what the same detector saw of the normal paint in the same views; without it there
     is no attack success rate, the share of the views with a vehicle found before (confidence of at
-    least :data:`ALARM`, IoU of at least 0.5) in which it is found no more.
+    least :data:`ALARM`, IoU of at least 0.5) in which it is found no more.  The measures of
+    :mod:`cnca.judge.protocols` are of the vehicle's own class alone.
     """
     found = seen.column(column)
     truths, ignored = truth.objects(column, seen.label), truth.ignored(column, seen.label)
@@ -78,12 +79,16 @@ def measure(
         f"AP_{kind}": Sampled(ranking.average_precision(weights))
         for kind, ranking in rankings.items()
     }
-    scores = _scores(found, truth.boxes)
+    scores = best_scores(found, truth.boxes)
     measured["score"] = Sampled(weights @ scores / weights.sum(dim=1))
     if before is not None:
-        had = (_scores(before.column(column), truth.boxes) >= ALARM).double()
+        had = (best_scores(before.column(column), truth.boxes) >= ALARM).double()
         lost = had * (scores < ALARM)
         measured["success"] = Sampled((weights @ lost) / (weights @ had))  # 0 / 0 is NaN
+    if column == seen.label:
+        faint = seen.column(column, FAINTEST_SCORE)
+        clean = faint if before is None else before.column(column, FAINTEST_SCORE)
+        measured |= measure_by_protocols(faint, clean, truth, weights, column, seen.label)
     return measured
 
 
@@ -156,8 +161,3 @@ def word_for(difference: Sampled, views: int) -> str:
     if high < 0:
         return "lower"
     return "higher" if low > 0 else "no difference"
-
-
-def _scores(found: Sequence[Detections], boxes: Boxes) -> Float[Tensor, " views"]:
-    scores = [detection_score(each, box, 0) for each, box in zip(found, boxes, strict=True)]
-    return torch.tensor(scores, dtype=torch.float64)

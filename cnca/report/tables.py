@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cnca.core.files import replacing
 from cnca.detect.classes import counted
+from cnca.judge import protocol_names
 from cnca.judge.records import Estimate, Evidence, FrameFit, Scores
 from cnca.judge.verdict import LEAST_VIEWS, MEASURES, TOO_FEW, TOTAL
 
@@ -41,6 +42,9 @@ def write_markdown(path: Path, results: Evidence, pictures: Sequence[str]) -> No
     parts += [
         "## All measures, mean over the detectors\n",
         by_measure(results),
+        "## By the measures of others, mean over the detectors\n",
+        "What each is, its rule and its source: docs/evaluation.md.\n",
+        by_protocols(results),
     ]
     if results.comparisons:
         parts += ["## Against the controls\n", _comparisons(results)]
@@ -130,6 +134,27 @@ def by_measure(results: Evidence) -> str:
         total = results.all[row][TOTAL][results.label]
         rows.append([row, *(cell(total[name]) if name in total else "–" for name in MEASURES)])
     return table(["texture", *MEASURES.values()], rows)
+
+
+def by_protocols(results: Evidence) -> str:
+    """The measures that others use, one to a row, of every texture; mean over the detectors."""
+    totals = [results.all[row][TOTAL][results.label] for row in results.rows]
+    rows = [
+        [meaning, *(cell(total[name]) if name in total else "–" for total in totals)]
+        for name, meaning in protocol_names.MEASURES.items()
+    ]
+    return table(["measure", *results.rows], rows)
+
+
+def protocol_rows(results: Evidence, protocol: str) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of the table of one protocol: every texture before every detector."""
+    names = protocol_names.PROTOCOLS[protocol]
+    rows = []
+    for row in results.rows:
+        for detector in with_total(results.detectors):
+            own = results.all[row][detector][results.label]
+            rows.append([row, detector, *(cell(own[name], digits=2) for name in names)])
+    return ["texture", "detector", *(protocol_names.MEASURES[name] for name in names)], rows
 
 
 def _comparisons(results: Evidence) -> str:

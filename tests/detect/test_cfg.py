@@ -39,7 +39,6 @@ def test_values_and_comments(tmp_path):
         ("filters=14", "filters=15", r"layer 10 .*need 14 filters in the layer before, found 15"),
         ("mask=1,2", "mask=1,3", r"layer 10 .*mask must pick from the 3 anchors"),
         ("14,20\nclasses=2\nnum=3\nscale", "14\nclasses=2\nnum=3\nscale", r"anchors must be num"),
-        ("scale_x_y=1.1", "new_coords=1", r"layer 10 .*new_coords=1 .* not supported"),
         ("channels=3", "channels=1", r"\[net\].*channels must be 3"),
         ("width=32", "width", r"\[net\].*'width' is no key=value"),
         ("[net]", "[dropout]", r"\[net\] must be the first section"),

@@ -7,7 +7,8 @@ from safetensors.torch import load_file, save_file
 
 from cnca.core.errors import DetectorError
 from cnca.detect.cfg import read_config
-from cnca.detect.darknet import ACTIVATIONS, Darknet
+from cnca.detect.darknet import Darknet
+from cnca.detect.darknet_keys import ACTIVATIONS
 from cnca.detect.weights import load_weights, save_weights
 from tests.detect import reference
 from tests.detect.conftest import WEIGHT_COUNT
@@ -55,6 +56,66 @@ def test_boxes_follow_the_paper(tiny):
     assert found.boxes[0, index].tolist() == pytest.approx(expected, rel=1e-5)
     assert found.objectness[0, index].item() == pytest.approx(sigmoid[4], rel=1e-5)
     assert found.class_scores[0, index].tolist() == pytest.approx(sigmoid[5:].tolist(), rel=1e-5)
+
+
+def test_boxes_of_scaled_yolov4(tiny):
+    """With new_coords b_w = p_w·(2 s_w)², and probabilities are what the layer before gives."""
+    tiny.write_text(tiny.read_text().replace("scale_x_y=1.1", "scale_x_y=2.0\nnew_coords=1"))
+    head = Darknet(read_config(tiny)).heads[0]
+    raw = torch.rand(1, 14, 8, 8, generator=torch.Generator().manual_seed(0))
+    found = head.candidates(raw, (32, 32))
+    s, index = raw[0, 7:, 5, 2].double().numpy(), 64 + 5 * 8 + 2
+    x, y = (2 * s[:2] - 0.5 + [2, 5]) * 4
+    w, h = (2 * s[2:4]) ** 2 * [14, 20]
+    expected = [x - w / 2, y - h / 2, x + w / 2, y + h / 2]
+    assert found.boxes[0, index].tolist() == pytest.approx(expected, rel=1e-5)
+    assert found.objectness[0, index].item() == pytest.approx(s[4])
+    assert found.class_scores[0, index].tolist() == pytest.approx(s[5:].tolist())
+
+
+NET = "[net]\nwidth=4\nheight=4\nchannels=3\n"
+HEAD = "[convolutional]\nfilters=7\nactivation=linear\n[yolo]\nclasses=2\nanchors=4,5\nmask=0\n"
+
+
+def layers_of(tmp_path, text):
+    (tmp_path / "net.cfg").write_text(NET + text + HEAD)
+    return Darknet(read_config(tmp_path / "net.cfg")).layers
+
+
+def test_channels_and_places_are_weighed(tmp_path):
+    pool, scale, sam, *_ = layers_of(
+        tmp_path,
+        "[maxpool]\nsize=1\nstride=1\n[avgpool]\n[scale_channels]\nfrom=0\n[sam]\nfrom=0\n",
+    )[1:]
+    x = torch.rand(2, 3, 4, 4)
+    weights = pool(x, {})
+    torch.testing.assert_close(weights, x.mean(dim=(2, 3), keepdim=True))
+    torch.testing.assert_close(scale(weights, {0: x}), x * weights)
+    torch.testing.assert_close(sam(x, {0: x}), x * x)
+
+
+def test_reorg_by_darknets_own_loop(tmp_path):
+    """Read from memory as if the input had a fourth of the channels and twice the size."""
+    conv = "[convolutional]\nfilters=8\nactivation=linear\n"
+    reorg = layers_of(tmp_path, f"{conv}[reorg]\nstride=2\n")[1]
+    channels, rows, columns, s = 8, 4, 4, 2
+    x = torch.arange(channels * rows * columns, dtype=torch.float32)
+    expected = torch.empty_like(x)
+    for k in range(channels):
+        offset, c2 = k // (channels // s**2), k % (channels // s**2)
+        for j in range(rows):
+            for i in range(columns):
+                w2, h2 = i * s + offset % s, j * s + offset // s
+                source = w2 + columns * s * (h2 + rows * s * c2)
+                expected[i + columns * (j + rows * k)] = x[source]
+    found = reorg(x.reshape(1, channels, rows, columns), {})
+    assert found.shape == (1, 32, 2, 2)
+    torch.testing.assert_close(found.flatten(), expected)
+
+
+def test_a_mark_at_the_beginning_of_a_file(tiny):
+    tiny.write_bytes(b"\xef\xbb\xbf" + tiny.read_bytes())
+    assert read_config(tiny).size == (32, 32)
 
 
 def test_boxes_stay_finite_for_any_output(tiny):

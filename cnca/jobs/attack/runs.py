@@ -81,8 +81,8 @@ class Row:
         )
 
 
-def row(request: Request, label: str, scorer: PromptScorer, console: Console) -> Row:
-    """The attack in ``request.out``, run to its end unless it is there; then measured.
+def finished(request: Request, label: str, console: Console) -> Summary:
+    """The attack in ``request.out``, run to its end unless it is there.
 
     Raises:
         RunError: the folder holds a run of another request, or of files that have changed since.
@@ -90,10 +90,14 @@ def row(request: Request, label: str, scorer: PromptScorer, console: Console) ->
     summary_file = request.out / "summary.json"
     if summary_file.exists() and RunFolder(request.out, JOB).occupied:
         claim(recorded(request), load_scene(request.scene), resume=True)
-        summary = read_record(Summary, summary_file)
-    else:
-        console.print(f"{label}: {request.out}", soft_wrap=True)
-        summary = run(replace(request, resume=True), console)
+        return read_record(Summary, summary_file)
+    console.print(f"{label}: {request.out}", soft_wrap=True)
+    return run(replace(request, resume=True), console)
+
+
+def row(request: Request, label: str, scorer: PromptScorer, console: Console) -> Row:
+    """The attack in ``request.out``, as :func:`finished` has it; then measured."""
+    summary = finished(request, label, console)
     return Row(label, request.out, summary, of_run(request.out, request.settings.prompt, scorer))
 
 

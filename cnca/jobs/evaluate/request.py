@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cnca.core.errors import RunError, did_you_mean
 from cnca.core.options import COST, OUTPUT, WHAT, Flag
+from cnca.judge.protocol_names import PROTOCOLS
 from cnca.judge.rows import CONTROLS, IGNORE, OTHERS
 
 OUT = Flag("Folder for results; a rerun goes on in it.", OUTPUT)
@@ -58,6 +59,11 @@ class EvaluationRequest:
     others: Annotated[
         str, Flag("Other vehicles in the pictures: ignore them, or count as objects to find.", WHAT)
     ] = IGNORE
+    protocol: Annotated[
+        str | None,
+        Flag("Show the measures of others alone: rpga, fca, padetbench or coco.", OUTPUT),
+    ] = None
+    """One of :data:`cnca.judge.protocol_names.PROTOCOLS`; the files hold all of them."""
 
     def __post_init__(self) -> None:
         """Raises RunError for what cannot be evaluated, SceneError for an unknown grid."""
@@ -66,6 +72,9 @@ class EvaluationRequest:
         if self.others not in OTHERS:
             hint = did_you_mean(self.others, OTHERS)
             raise RunError(f"--others {self.others}: there are {' and '.join(OTHERS)}{hint}")
+        if self.protocol is not None and self.protocol not in PROTOCOLS:
+            hint = did_you_mean(self.protocol, PROTOCOLS)
+            raise RunError(f"--protocol {self.protocol}: there are {', '.join(PROTOCOLS)}{hint}")
         if self.views < 2:
             raise RunError(f"--views {self.views}: an interval needs at least two views")
         if self.grid is not None:
