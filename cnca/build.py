@@ -69,6 +69,7 @@ def build_vehicle(scene: Scene) -> Vehicle:
         scale=section.scale,
         materials=section.materials,
         unwrap=section.unwrap,
+        recentre=section.recentre,
     )
     return replace(
         vehicle,

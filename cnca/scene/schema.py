@@ -62,6 +62,8 @@ class VehicleSection(Section):
     """The file's forward axis."""
     scale: Positive = 1.0
     """Metres per unit of the file."""
+    recentre: bool = True
+    """Move a vehicle onto the origin that stands away from it by more than a third of its size."""
     unwrap: bool = False
     """Give the paint new UVs: for meshes whose texture coordinates overlap or are missing."""
     materials: dict[str, str] = Field(default_factory=dict)

@@ -14,7 +14,7 @@ import trimesh
 
 from cnca.core.errors import MeshError
 from cnca.vehicle.mesh.load_mesh import to_our_axes
-from cnca.vehicle.mesh.mesh_file import read_part
+from cnca.vehicle.mesh.mesh_file import file_uvs, read_part
 from cnca.world.materials import material_surface
 from cnca.world.model import Piece, Place, Surface, World
 from cnca.world.reading import read_world
@@ -61,11 +61,8 @@ def load_world(path: str | Path, *, up: str | None = None, scale: float = 1.0) -
 def _piece(
     path: Path, name: str, surface: str, mesh: trimesh.Trimesh, to_ours: np.ndarray
 ) -> Piece:
-    part = read_part(path, name, surface, mesh, to_ours, textured=False)
-    uvs = getattr(mesh.visual, "uv", None)
-    if uvs is not None and len(uvs) == len(mesh.vertices):
-        used = np.unique(mesh.faces[mesh.area_faces > 0])
-        uvs = np.nan_to_num(np.asarray(uvs[used], float))
-    else:
-        uvs = None
+    part, kept = read_part(path, name, surface, mesh, to_ours, textured=False)
+    uvs = file_uvs(mesh)
+    if uvs is not None:
+        uvs = np.nan_to_num(uvs[kept])
     return Piece(name, surface, part.vertices, part.faces, part.normals, uvs)

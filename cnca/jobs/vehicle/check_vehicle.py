@@ -26,7 +26,8 @@ from cnca.scene.cameras import orbit_view
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import Scene, VehicleSection
 from cnca.scene.shipped import scene_file
-from cnca.vehicle.mesh.checkup import Finding, check, mended
+from cnca.vehicle.mesh.checkup import check, mended
+from cnca.vehicle.mesh.finding import Finding
 from cnca.vehicle.mesh.load_mesh import BUILTIN
 from cnca.vehicle.mesh.pieces import read_pieces, sound
 from cnca.vehicle.model import Vehicle

@@ -2,55 +2,28 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from cnca.core.errors import MeshError
 from cnca.core.images import read_mask
 from cnca.scene.schema import VehicleSection
-from cnca.vehicle.mesh.load_mesh import BUILTIN, guess_material, resolve_vehicle
-from cnca.vehicle.mesh.pieces import OURS, Piece, read_pieces, sound, turned
-from cnca.vehicle.mesh.posture import CAR_LENGTH, guess_scale, posture
+from cnca.vehicle.mesh.finding import Finding, Severity, listed
+from cnca.vehicle.mesh.load_mesh import BUILTIN, resolve_vehicle
+from cnca.vehicle.mesh.makeup import check_materials
+from cnca.vehicle.mesh.pieces import OURS, Piece, as_made_of, read_pieces, sound, turned
 from cnca.vehicle.mesh.sight import Sight, look_around
+from cnca.vehicle.mesh.standing import check_axes, check_place
 from cnca.vehicle.mesh.surface import face_crosses
 from cnca.vehicle.uv.uv_checkup import measure_uvs
 
-Severity = Literal["fault", "warning", "note"]
-"""A fault stops an attack or makes its numbers meaningless; a warning makes it weaker or ugly."""
-LONGEST = 18.75
-"""Metres: the longest road vehicle (European directive 96/53/EC, annex I)."""
-SHORTEST = 2.0
 WORTH_A_WORD = 0.01
 """Share of what is seen, or of the texture, below which nothing is said."""
 SPREAD = 4.0
 """Texels per metre, 95th over 5th percentile: one part is that much blurrier than another."""
-EXPECTED = ("glass", "tyre", "light")
-"""Kinds of material whose lack says that the file's names were not understood."""
 RECALCULATE = "recalculate normals outside in the modelling program"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One line of a checkup."""
-
-    severity: Severity
-    what: str
-    number: str
-    mend: str = ""
-    """The command that mends it, or what to do elsewhere."""
-    keys: Mapping[str, object] = field(default_factory=dict)
-    """Keys of the scene's vehicle section that mend it."""
-
-    def line(self) -> str:
-        """Severity, what, number and remedy."""
-        keys = [f"vehicle.{key}: {as_yaml(value)}" for key, value in self.keys.items()]
-        mend = "; ".join([", ".join(keys)] * bool(keys) + [self.mend] * bool(self.mend))
-        return f"{self.severity:8}{self.what}: {self.number}" + (f" → {mend}" if mend else "")
 
 
 def check(section: VehicleSection, base: Path) -> list[Finding]:
@@ -64,11 +37,14 @@ def check(section: VehicleSection, base: Path) -> list[Finding]:
     findings = list(_triangles(raw))
     pieces = sound(raw)
     if pieces:
-        findings += _axes(pieces, section)
+        findings += check_axes(pieces, section)
         section = mended(section, findings)  # all else is looked at the right way up
         ours = turned(pieces, section)
         sight = look_around(ours)
-        findings += _parts(ours, section, sight)
+        findings += check_place(ours, section)
+        findings += check_materials(ours, section, sight, base)
+        section = mended(section, findings)
+        ours = ours if section.mesh.startswith(BUILTIN) else as_made_of(ours, section)
         findings += [*_texture(ours, section, base, sight), *_outside(ours, sight)]
     if not any(finding.severity == "fault" for finding in findings):
         findings += _reading(section, base)
@@ -86,13 +62,6 @@ def mended(section: VehicleSection, findings: Sequence[Finding]) -> VehicleSecti
     return section.model_copy(update=keys)
 
 
-def as_yaml(value: object) -> str:
-    """A value or mapping on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {as_yaml(part)}" for key, part in value.items()) + "}"
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
 def _triangles(pieces: Sequence[Piece]) -> Iterator[Finding]:
     lost = sum(int((~np.isfinite(piece.vertices)).any(axis=1).sum()) for piece in pieces)
     if lost:
@@ -100,92 +69,11 @@ def _triangles(pieces: Sequence[Piece]) -> Iterator[Finding]:
         yield Finding("fault", "vertices", number, "export the mesh again")
     empty = [piece.name for piece in pieces if not (piece.areas > 0).any()]
     if empty:
-        number = f"{len(empty)} without any area ({_listed(empty)})"
+        number = f"{len(empty)} without any area ({listed(empty)})"
         yield Finding("fault", "parts", number, "remove them in the modelling program")
     flat = sum(int((piece.areas == 0).sum()) for piece in pieces)
     number = f"{flat} of {sum(len(p.faces) for p in pieces)} in {len(pieces)} parts have no area"
     yield Finding("note", "triangles", number, "left out when the mesh is read" if flat else "")
-
-
-def _axes(pieces: Sequence[Piece], section: VehicleSection) -> Iterator[Finding]:
-    found = posture(pieces, section.up, section.front)
-    if found.up != section.up or found.front[1] != section.front[1]:
-        keys = {"up": found.up, "front": found.front}
-        number = f"up {section.up} and front {section.front} do not fit the shape"
-        yield Finding("fault", "axes", number, keys=keys)
-    elif found.front != section.front:
-        number = f"front is {section.front}, but the lights or the roof look to {found.front}"
-        yield Finding("warning", "axes", number, keys={"front": found.front})
-    else:
-        yield Finding("note", "axes", f"up {section.up} and front {section.front} fit the shape")
-    if found.upside_down:
-        number = "upside down: the roof is longer than the floor"
-        yield Finding("fault", "axes", number, "turn it over in the modelling program")
-    spans = np.ptp(np.concatenate([p.vertices[np.unique(p.faces)] for p in pieces]), axis=0)
-    length, height = (spans["xyz".index(axis)] for axis in (found.front[1], found.up))
-    metres = [section.scale * span for span in (length, spans.sum() - length - height, height)]
-    size = " × ".join(f"{each:.3g}" for each in metres) + " m"
-    if CAR_LENGTH[0] <= metres[0] <= CAR_LENGTH[1]:
-        yield Finding("note", "size", size)
-    else:
-        scale, unit = guess_scale(length)
-        severity: Severity = "warning" if SHORTEST <= metres[0] <= LONGEST else "fault"
-        number = f"{size}; cars are {CAR_LENGTH[0]:g} to {CAR_LENGTH[1]:g} m long"
-        yield Finding(severity, "size", number, unit, {"scale": scale})
-
-
-def _parts(pieces: Sequence[Piece], section: VehicleSection, sight: Sight) -> Iterator[Finding]:
-    kinds = {piece.material: piece.kind for piece in pieces}
-    for kind in sorted(set(kinds.values())):
-        named = [material for material, own in kinds.items() if own == kind]
-        share = sight.share(np.isin(sight.piece, _of(pieces, named)))
-        yield Finding(
-            "note", f"looks like {kind}", f"{share:.1%} of what is seen: {_listed(named)}"
-        )
-    if len(kinds) == 1:
-        if not section.paint_mask:
-            number = "a single one; glass, lights and tyres would be painted, too"
-            yield Finding("warning", "materials", number, "draw a vehicle.paint_mask")
-        return
-    unknown = [
-        material
-        for material, kind in kinds.items()
-        if kind == "trim" and material not in {*section.materials, "trim"}
-        if sight.share(np.isin(sight.piece, _of(pieces, [material]))) > WORTH_A_WORD
-    ]
-    proposed = _by_part_names(pieces, unknown)
-    if "paint" not in {*kinds.values(), *proposed.values()}:
-        proposed[_largest(pieces, unknown or list(kinds))] = "paint"
-    if "paint" not in kinds.values():
-        number = f"none is known as paint: {_listed(kinds)}"
-        yield Finding("fault", "materials", number, keys={"materials": proposed})
-    elif proposed:
-        number = f"dark trim, but their parts are named otherwise: {_listed(proposed)}"
-        yield Finding("warning", "materials", number, keys={"materials": proposed})
-    missing = [kind for kind in EXPECTED if kind not in {*kinds.values(), *proposed.values()}]
-    if missing:
-        number = f"none is known as {', '.join(missing)}; dark trim: {_listed(unknown) or 'none'}"
-        yield Finding("warning", "materials", number, "name them in vehicle.materials")
-
-
-def _of(pieces: Sequence[Piece], materials: Collection[str]) -> list[int]:
-    return [k for k, piece in enumerate(pieces) if piece.material in materials]
-
-
-def _by_part_names(pieces: Sequence[Piece], materials: Sequence[str]) -> dict[str, str]:
-    """What the names of the parts say of materials whose own names say nothing."""
-    found = {}
-    for material in materials:
-        votes = Counter(guess_material(p.name) for p in pieces if p.material == material)
-        if len(votes) == 1 and "trim" not in votes:
-            found[material] = next(iter(votes))
-    return found
-
-
-def _largest(pieces: Sequence[Piece], materials: Sequence[str]) -> str:
-    """The material of the largest area."""
-    area = {m: sum(pieces[k].areas.sum() for k in _of(pieces, [m])) for m in materials}
-    return max(area, key=area.__getitem__)
 
 
 def _texture(
@@ -199,9 +87,9 @@ def _texture(
     mask = read_mask(base / section.paint_mask) if section.paint_mask else None
     use, unwrap = measure_uvs(pieces, sight, mask), {"unwrap": True}
     if use.missing:
-        yield Finding("fault", "UVs", f"{_listed(use.missing)} have none", keys=unwrap)
+        yield Finding("fault", "UVs", f"{listed(use.missing)} have none", keys=unwrap)
     if use.outside:
-        number = f"{_listed(use.outside)} leave [0, 1]: they span {use.span}"
+        number = f"{listed(use.outside)} leave [0, 1]: they span {use.span}"
         yield Finding("fault", "UVs", number, "or pack them into [0, 1]", unwrap)
     if use.pointlike > WORTH_A_WORD:
         number = f"{use.pointlike:.1%} of the paint lies on points or lines of the texture"
@@ -248,7 +136,7 @@ def _outside(pieces: Sequence[Piece], sight: Sight) -> Iterator[Finding]:
     backs = np.bincount(sight.piece, sight.back, minlength=count)
     worst = np.flatnonzero((backs > 0.5 * shown) & (shown > WORTH_A_WORD * shown.sum()))
     if len(worst):
-        which = _listed([pieces[k].name for k in worst.tolist()])
+        which = listed([pieces[k].name for k in worst.tolist()])
         number = f"{sight.share(sight.back):.1%} of what is seen are backs of triangles: {which}"
         yield Finding("warning", "inside out", number, RECALCULATE)
 
@@ -266,14 +154,8 @@ def _inward_normals(pieces: Sequence[Piece]) -> float:
 
 def _reading(section: VehicleSection, base: Path) -> Iterator[Finding]:
     """The last word has the reader that scenes have."""
-    options = {"up", "front", "scale", "materials", "unwrap"}
+    options = {"up", "front", "scale", "materials", "unwrap", "recentre"}
     try:
         resolve_vehicle(section.mesh, base, **section.model_dump(include=options))
     except MeshError as error:
         yield Finding("fault", "reading", str(error))
-
-
-def _listed(names: Collection[str]) -> str:
-    """The first names, and how many more there are."""
-    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-    return ", ".join(list(names)[:4]) + more

@@ -17,21 +17,12 @@ from jaxtyping import Float
 from cnca.core.errors import MeshError, did_you_mean
 from cnca.scene.materials import MATERIALS
 from cnca.vehicle.builtin.sedan import BUILTIN_VEHICLES, build_sedan
+from cnca.vehicle.mesh.names import material_kinds
+from cnca.vehicle.mesh.place import misplaced
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.unwrap import unwrap_paint
 
 BUILTIN = "builtin:"
-_NAMES = {
-    "underbody": r"under.?body|chassis",
-    "tail_light": r"brake|tail.?l|stop.?l|rear.?l(ight|amp)",
-    "light": r"light|lamp|lens",
-    "glass": r"glass|window|windscreen|windshield",
-    "tyre": r"tyre|tire|rubber",
-    "metal": r"chrome|metal|mirror|(?<![a-z])rim|steel|alumin",
-    "plate": r"plate",
-    "paint": r"paint|body|lacquer",
-}
-"""Our material → what a file's material of that kind is usually called; the first match wins."""
 
 
 def resolve_vehicle(
@@ -43,6 +34,7 @@ def resolve_vehicle(
     scale: float = 1.0,
     materials: Mapping[str, str] | None = None,
     unwrap: bool = False,
+    recentre: bool = True,
 ) -> Vehicle:
     """Return the vehicle that a scene file names: ``builtin:NAME`` or a path relative to ``base``.
 
@@ -52,7 +44,13 @@ def resolve_vehicle(
     if not spec.startswith(BUILTIN):
         path = Path(base) / spec
         return load_vehicle(
-            path, up=up, front=front, scale=scale, materials=materials, unwrap=unwrap
+            path,
+            up=up,
+            front=front,
+            scale=scale,
+            recentre=recentre,
+            materials=materials,
+            unwrap=unwrap,
         )
     name = spec.removeprefix(BUILTIN)
     if name not in BUILTIN_VEHICLES:
@@ -69,6 +67,7 @@ def load_vehicle(
     front: str = "+x",
     scale: float = 1.0,
     ground: bool = True,
+    recentre: bool = True,
     materials: Mapping[str, str] | None = None,
     unwrap: bool = False,
 ) -> Vehicle:
@@ -80,6 +79,8 @@ def load_vehicle(
         front: the file's forward axis, such as "+x" or "-z".
         scale: metres per unit of the file.
         ground: shift the vehicle up or down so that its lowest point lies on z = 0.
+        recentre: shift a vehicle that stands away from the origin (:mod:`~cnca.vehicle.mesh.place`)
+            onto it.
         materials: the file's material name → ours (see ``cnca.scene.materials``).  Names left out
             are guessed ("Paint_Red" is paint, "Rubber_Black" a tyre), unknown ones become trim; a
             file with one material is all paint.
@@ -102,11 +103,14 @@ def load_vehicle(
         matrix, key = scene.graph[node]
         mesh, material = scene.geometry[key], kinds[names[key]]
         textured = material == "paint" and not unwrap
-        parts.append(read_part(path, node, material, mesh, to_ours @ matrix, textured=textured))
-    if ground:
-        lowest = min(part.vertices[:, 2].min() for part in parts)
-        for part in parts:
-            part.vertices[:, 2] -= lowest
+        part, _ = read_part(path, node, material, mesh, to_ours @ matrix, textured=textured)
+        parts.append(part)
+    low = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
+    high = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
+    offset = misplaced(low, high) if recentre else np.zeros(3)
+    offset[2] = low[2] if ground else 0.0
+    for part in parts:
+        part.vertices[:] -= offset
     vehicle = Vehicle(path.stem, tuple(parts))
     return unwrap_paint(vehicle) if unwrap else vehicle
 
@@ -119,19 +123,14 @@ def _materials(path: Path, names: set[str], chosen: Mapping[str, str]) -> dict[s
         if kind not in MATERIALS:
             hint = did_you_mean(kind, MATERIALS)
             raise MeshError(f"{path}: material '{name}': '{kind}' is not known{hint}")
-    if len(names) == 1 and not chosen:
-        return dict.fromkeys(names, "paint")
-    kinds = {name: chosen.get(name) or guess_material(name) for name in names}
+    kinds = material_kinds(names, chosen)
     if "paint" not in kinds.values():
         listed = ", ".join(sorted(names))
-        raise MeshError(f"{path}: which material is paint? It has {listed}; map one to 'paint'")
+        raise MeshError(
+            f"{path}: which material is paint? It has {listed}; map one to 'paint' in "
+            "vehicle.materials, as cnca check-vehicle proposes"
+        )
     return kinds
-
-
-def guess_material(name: str) -> str:
-    """Our material that a material or part of this name is probably made of, else trim."""
-    matches = (kind for kind, words in _NAMES.items() if re.search(words, name.lower()))
-    return next(matches, "trim")
 
 
 def to_our_axes(path: Path, up: str, front: str) -> Float[np.ndarray, "3 3"]:

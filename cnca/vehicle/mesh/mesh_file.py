@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +14,25 @@ import trimesh
 from jaxtyping import Float, Int
 
 from cnca.core.errors import MeshError, did_you_mean
+from cnca.vehicle.mesh.finder import Finder
+from cnca.vehicle.mesh.gltf.plain import plain_glb
+from cnca.vehicle.mesh.normals import split_normals
+from cnca.vehicle.mesh.obj import read_obj
 from cnca.vehicle.model import Part
 
-EXTENSIONS = (".obj", ".ply", ".gltf", ".glb")
+GLTF = (".gltf", ".glb")
+EXTENSIONS = (".obj", ".ply", *GLTF)
 FARTHEST = 1e9
 """Metres from the origin: what lies beyond overflows sooner or later."""
 UV_TOLERANCE = 1e-3
 """How far outside [0, 1] exporters' rounding may put a texture coordinate."""
 
 
-def read_meshes(path: Path) -> trimesh.Scene:
-    """The file's surfaces as they stand in it; raises MeshError where there are none."""
+def read_meshes(path: Path, finder: Finder | None = None) -> trimesh.Scene:
+    """The file's surfaces as they stand in it; raises MeshError where there are none.
+
+    ``finder`` finds the files that it names, and keeps what it found.
+    """
     extension = path.suffix.lower()
     if extension not in EXTENSIONS:
         hint = did_you_mean(extension, EXTENSIONS)
@@ -33,7 +40,9 @@ def read_meshes(path: Path) -> trimesh.Scene:
     if not os.path.isfile(path):  # also of names that no system takes
         raise MeshError(f"{path}: no such file; paths start at the scene file's folder")
     try:
-        scene = _read_obj(path) if extension == ".obj" else _read(path, extension)
+        scene = _read(path, extension, finder or Finder(path))
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
     except Exception as error:  # trimesh's readers raise whatever a broken file makes them raise
         reason = " ".join(str(error).split()) or type(error).__name__
         kind = extension.removeprefix(".").upper()
@@ -51,27 +60,16 @@ def read_meshes(path: Path) -> trimesh.Scene:
     return scene
 
 
-def _read(path: Path, extension: str) -> trimesh.Scene:
-    """Another kind of file, read from memory: an open one makes room for all a chunk claims."""
+def _read(path: Path, extension: str, finder: Finder) -> trimesh.Scene:
+    """Read from memory: an open file makes room for all that a chunk claims to hold."""
+    data = path.read_bytes()
+    if extension == ".obj":
+        return read_obj(data, path.stem, finder.get)
+    if extension in GLTF:
+        data, extension = plain_glb(data, finder.get), ".glb"
     return trimesh.load_scene(
-        io.BytesIO(path.read_bytes()),
-        file_type=extension.removeprefix("."),
-        resolver=trimesh.resolvers.FilePathResolver(str(path)),
-        process=False,
+        io.BytesIO(data), file_type=extension.removeprefix("."), resolver=finder, process=False
     )
-
-
-def _read_obj(path: Path) -> trimesh.Scene:
-    """Read an OBJ with its material names, but without the MTL file, which is often missing.
-
-    trimesh takes the names from the MTL alone; a made-up one with just the names stands in for it.
-    """
-    text = path.read_text(encoding="utf-8", errors="replace")
-    names = sorted(set(re.findall(r"^\s*usemtl\s+(\S.*?)\s*$", text, re.MULTILINE)))
-    mtl = "".join(f"newmtl {name}\nKd 1 1 1\n" for name in names).encode()
-    resolver = trimesh.resolvers.ZipResolver({"names.mtl": io.BytesIO(mtl)})
-    obj = io.StringIO("mtllib names.mtl\n" + re.sub(r"(?m)^\s*mtllib.*$", "", text))
-    return trimesh.load_scene(obj, file_type="obj", resolver=resolver, process=False)
 
 
 def material_name(mesh: trimesh.Trimesh) -> str:
@@ -87,10 +85,11 @@ def read_part(
     to_ours: Float[np.ndarray, "4 4"],
     *,
     textured: bool,
-) -> Part:
-    """One piece of the file in our axes, without unused vertices and triangles of no area.
+) -> tuple[Part, Int[np.ndarray, " kept"]]:
+    """One piece of the file in our axes, without triangles of no area; and its vertices' indices.
 
-    Raises MeshError for what cannot be rendered: NaN, no area, wrong or no texture coordinates.
+    Vertices on creases are doubled.  Raises MeshError for what cannot be rendered: NaN, no area,
+    wrong or no texture coordinates.
     """
     if mesh.vertices.shape[1:] != (3,):  # trimesh takes what a file gives
         raise MeshError(f"{path}: part '{name}': a vertex has x, y and z; export it again")
@@ -104,55 +103,47 @@ def read_part(
         raise MeshError(f"{path}: part '{name}': reaches beyond {FARTHEST:g} m; check its scale")
     if not abs(np.linalg.det(to_ours[:3, :3])) > 0:
         raise MeshError(f"{path}: part '{name}': its node makes it flat; repair its matrix")
-    faces = mesh.faces[mesh.area_faces > 0]
+    faces = np.asarray(mesh.faces[mesh.area_faces > 0])
     if not len(faces):
         raise MeshError(f"{path}: part '{name}': all triangles have zero area; remove the part")
-    used, faces = np.unique(faces, return_inverse=True)
-    faces = faces.reshape(-1, 3)
-    normals = _normals(mesh, used, faces) @ np.linalg.inv(to_ours[:3, :3])
+    given = given_normals(mesh)
+    kept, faces, normals = split_normals(np.asarray(mesh.vertices), faces, given)
+    normals = normals @ np.linalg.inv(to_ours[:3, :3])
     if np.linalg.det(to_ours[:3, :3]) < 0:  # a mirroring node turns triangles inside out
         faces = faces[:, ::-1]
-    return Part(
+    part = Part(
         name=name,
         material=material,
-        vertices=vertices[used],
+        vertices=vertices[kept],
         faces=np.ascontiguousarray(faces),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        uvs=_uvs(path, name, mesh, used) if textured else None,
+        uvs=_uvs(path, name, mesh, kept) if textured else None,
     )
+    return part, kept
 
 
-def _normals(
-    mesh: trimesh.Trimesh, used: Int[np.ndarray, " kept"], faces: Int[np.ndarray, "faces 3"]
-) -> Float[np.ndarray, "kept 3"]:
-    """The file's normals; where it has none, the smooth ones of the surface without UV seams."""
-    vertices = np.asarray(mesh.vertices[used])
-    positions, welded = np.unique(vertices, axis=0, return_inverse=True)
-    surface = trimesh.Trimesh(positions, welded[faces], process=False)
-    smooth = surface.vertex_normals[welded]
-    # Both sides of a thin sheet, welded, cancel out: take the normal of any triangle there.
-    flat = np.zeros_like(vertices)
-    flat[faces] = surface.face_normals[:, None]
-    normals = np.where(_is_unit(smooth), smooth, flat)
-    if "vertex_normals" in mesh._cache:  # trimesh tells nowhere else whether the file had normals
-        given = np.asarray(mesh.vertex_normals[used])
-        normals = np.where(_is_unit(given), given, normals)
-    return normals
+def given_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "vertices 3"] | None:
+    """The normals that the file has; trimesh itself would make some where there are none."""
+    if "vertex_normals" not in mesh._cache:  # the only place that tells
+        return None
+    return np.asarray(mesh.vertex_normals, float)
 
 
-def _is_unit(vectors: Float[np.ndarray, "vectors 3"]) -> np.ndarray:
-    return np.abs(np.linalg.norm(vectors, axis=1, keepdims=True) - 1) < 0.01
+def file_uvs(mesh: trimesh.Trimesh) -> Float[np.ndarray, "vertices 2"] | None:
+    """The texture coordinates that the file has, v upwards; None where it has none for each."""
+    uvs = getattr(mesh.visual, "uv", None)
+    return None if uvs is None or len(uvs) != len(mesh.vertices) else np.asarray(uvs, float)
 
 
 def _uvs(
-    path: Path, name: str, mesh: trimesh.Trimesh, used: Int[np.ndarray, " kept"]
+    path: Path, name: str, mesh: trimesh.Trimesh, kept: Int[np.ndarray, " kept"]
 ) -> Float[np.ndarray, "kept 2"]:
-    uvs = getattr(mesh.visual, "uv", None)
-    if uvs is None or len(uvs) != len(mesh.vertices):
+    uvs = file_uvs(mesh)
+    if uvs is None:
         raise MeshError(
             f"{path}: painted part '{name}' has no texture coordinates; export them or set unwrap"
         )
-    uvs = np.asarray(uvs[used], float)
+    uvs = uvs[kept]
     if not np.isfinite(uvs).all() or uvs.min() < -UV_TOLERANCE or uvs.max() > 1 + UV_TOLERANCE:
         raise MeshError(
             f"{path}: painted part '{name}': texture coordinates span "

@@ -12,8 +12,9 @@ from jaxtyping import Float, Int
 
 from cnca.core.errors import MeshError
 from cnca.scene.schema import VehicleSection
-from cnca.vehicle.mesh.load_mesh import BUILTIN, guess_material, resolve_vehicle, to_our_axes
-from cnca.vehicle.mesh.mesh_file import material_name, read_meshes
+from cnca.vehicle.mesh.load_mesh import BUILTIN, resolve_vehicle, to_our_axes
+from cnca.vehicle.mesh.mesh_file import file_uvs, given_normals, material_name, read_meshes
+from cnca.vehicle.mesh.names import material_kinds
 from cnca.vehicle.mesh.surface import face_crosses
 
 OURS = {"up": "z", "front": "+x", "scale": 1.0}
@@ -33,6 +34,8 @@ class Piece:
     faces: Int[np.ndarray, "faces 3"]
     normals: Float[np.ndarray, "vertices 3"] | None
     uvs: Float[np.ndarray, "vertices 2"] | None
+    groups: tuple[str, ...] = ()
+    """Names of the file's objects that it was put together from, where that is known."""
 
     @property
     def triangles(self) -> Float[np.ndarray, "faces 3 3"]:
@@ -57,19 +60,19 @@ def read_pieces(section: VehicleSection, base: Path) -> list[Piece]:
             for p in vehicle.parts
         ]
     scene = read_meshes(base / section.mesh)
-    pieces = [_piece(node, scene) for node in scene.graph.nodes_geometry]
-    alone = len({piece.material for piece in pieces}) == 1 and not section.materials
-    return [
-        replace(piece, kind="paint" if alone else section.materials.get(piece.material, piece.kind))
-        for piece in pieces
-    ]
+    return as_made_of([_piece(node, scene) for node in scene.graph.nodes_geometry], section)
+
+
+def as_made_of(pieces: Sequence[Piece], section: VehicleSection) -> list[Piece]:
+    """The pieces, each of the material that the section makes of it."""
+    kinds = material_kinds(dict.fromkeys(p.material for p in pieces), section.materials)
+    return [replace(piece, kind=kinds[piece.material]) for piece in pieces]
 
 
 def _piece(node: str, scene: trimesh.Scene) -> Piece:
     matrix, key = scene.graph[node]
     mesh = scene.geometry[key]
-    uvs = getattr(mesh.visual, "uv", None)
-    has_normals = "vertex_normals" in mesh._cache  # trimesh makes them where the file has none
+    normals = given_normals(mesh)
     faces = np.asarray(mesh.faces)
     if mesh.vertices.shape[1:] != (3,) or faces.min() < 0 or faces.max() >= len(mesh.vertices):
         raise MeshError(f"part '{node}': a triangle names a vertex that is not there; export again")
@@ -78,11 +81,12 @@ def _piece(node: str, scene: trimesh.Scene) -> Piece:
     return Piece(
         name=node,
         material=material_name(mesh),
-        kind=guess_material(material_name(mesh)),
+        kind="trim",
         vertices=trimesh.transform_points(mesh.vertices, matrix),
         faces=faces,
-        normals=mesh.vertex_normals @ np.linalg.pinv(matrix[:3, :3]) if has_normals else None,
-        uvs=None if uvs is None or len(uvs) != len(mesh.vertices) else np.asarray(uvs, float),
+        normals=None if normals is None else normals @ np.linalg.pinv(matrix[:3, :3]),
+        uvs=file_uvs(mesh),
+        groups=tuple(mesh.metadata.get("groups", ())),
     )
 
 

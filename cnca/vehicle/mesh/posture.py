@@ -1,4 +1,4 @@
-"""How a vehicle stands in its file: its axes and its unit, guessed from its shape.
+"""How a vehicle stands in its file: its axes, guessed from its shape.
 
 Cars are mirror images of themselves from left to right, and less so in other ways; they are longer
 than wide or high; their roof is shorter than their floor and lies behind the middle.
@@ -16,10 +16,6 @@ from scipy.spatial import cKDTree
 from cnca.vehicle.mesh.pieces import Piece
 from cnca.vehicle.mesh.sight import sample_surface
 
-CAR_LENGTH = (3.0, 6.0)
-"""Metres."""
-USUAL_LENGTH = 4.5
-UNITS = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 POINTS = 6000
 MORE_ALIKE = 1.5
 """So many times nearer to its mirror image a shape is across its middle plane than else."""
@@ -64,18 +60,6 @@ def posture(pieces: Sequence[Piece], up: str, front: str) -> Posture:
         forwards = -1 if front == "-" + "xyz"[length] else 1
     sign = "+" if forwards > 0 else "-"
     return Posture("xyz"[height], sign + "xyz"[length], upside_down)
-
-
-def guess_scale(length: float) -> tuple[float, str]:
-    """Metres per unit that make a car of a mesh so many units long, and the name of the unit."""
-    fitting = [
-        (abs(np.log(length * scale / USUAL_LENGTH)), scale, name)
-        for name, scale in UNITS.items()
-        if CAR_LENGTH[0] <= length * scale <= CAR_LENGTH[1]
-    ]
-    if fitting:
-        return min(fitting)[1:]
-    return float(f"{USUAL_LENGTH / length:.3g}"), f"a car of {USUAL_LENGTH:g} m"
 
 
 def _unlike_mirrored(points: Float[np.ndarray, "points 3"], axis: int) -> float:

@@ -80,6 +80,28 @@ def test_another_unit_is_named_and_mended(tmp_path, per_metre, unit):
     assert _lines(better, tmp_path) == []
 
 
+@pytest.mark.parametrize(("stem", "label"), [("bus", "bus"), ("my_truck_2", "truck")])
+@pytest.mark.parametrize("per_metre", [1, 100])
+def test_buses_and_trucks_keep_their_length(tmp_path, stem, label, per_metre):
+    """12 × 2.5 × 3.2 m, in metres and in centimetres; the name says what it is."""
+    long = np.diag([3.0, 1.4, 2.1]) * per_metre
+    write_obj(tmp_path / f"{stem}.obj", _turned(_car(), long))
+    section = VehicleSection(mesh=f"{stem}.obj", up="z")
+    better = _mended(section, tmp_path)
+    assert better.scale == pytest.approx(1 / per_metre)
+    assert better.label == label
+    assert not any("size" in line for line in _lines(better, tmp_path))
+
+
+def test_a_place_away_from_the_origin_is_said(tmp_path):
+    car = _car()
+    parts = tuple(replace(p, vertices=p.vertices + (12.0, 0, 0)) for p in car.parts)
+    section = _section(tmp_path, replace(car, parts=parts))
+    assert any("12 m from the origin" in line for line in _lines(section, tmp_path, ("note",)))
+    kept = section.model_copy(update={"recentre": False})
+    assert _mended(kept, tmp_path).recentre
+
+
 AXES = {
     ("y", "+x"): [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
     ("y", "-z"): [[0, -1, 0], [0, 0, 1], [-1, 0, 0]],
@@ -212,7 +234,7 @@ def test_names_of_materials_and_parts(tmp_path):
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     scene.export(tmp_path / "car.glb")
     section = VehicleSection(mesh="car.glb", up="z")
-    assert any("none is known as paint" in line for line in _lines(section, tmp_path))
+    assert any("is paint; most of it is m1" in line for line in _lines(section, tmp_path))
     better = _mended(section, tmp_path)
     assert better.materials == {"m1": "paint", "m2": "glass", "m3": "tyre"}
     assert _lines(better, tmp_path) == []

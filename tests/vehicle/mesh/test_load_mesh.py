@@ -125,7 +125,8 @@ def test_every_format_gives_the_same_vehicle(tmp_path, name):
     [("y", "+x", (2, 0)), ("y", "-x", (-2, 0)), ("y", "+z", (0, 2)), ("z", "+x", (2, 0.5))],
 )
 def test_axes_are_turned_without_mirroring(tmp_path, up, front, nose):
-    (part,) = load_vehicle(_write_obj(tmp_path / "w.obj"), up=up, front=front).parts
+    path = _write_obj(tmp_path / "w.obj")
+    (part,) = load_vehicle(path, up=up, front=front, recentre=False).parts
     tip = part.vertices[np.flatnonzero(np.isclose(part.uvs[:, 1], 0.25))[0]]
     np.testing.assert_allclose(tip[:2], nose, atol=1e-9)
     assert _signed_volume(part) > 0
@@ -144,6 +145,16 @@ def test_a_mirroring_node_does_not_turn_the_surface_inside_out(tmp_path):
     (part,) = load_vehicle(path).parts
     assert _signed_volume(part) > 0
     assert part.vertices[:, 2].min() == 0
+
+
+@pytest.mark.parametrize(("away", "moved"), [(0.5, 0.0), (12.0, 12.0), (-1400.0, -1400.0)])
+def test_a_vehicle_away_from_the_origin_is_moved_onto_it(tmp_path, away, moved):
+    """One whose axle is the origin is not."""
+    path = _write_obj(tmp_path / "w.obj", vertices=VERTICES + (away, 0, 0))
+    (part,) = load_vehicle(path).parts
+    (kept,) = load_vehicle(path, recentre=False).parts
+    assert part.vertices[:, 0].max() == pytest.approx(2 + away - moved)
+    assert kept.vertices[:, 0].max() == pytest.approx(2 + away)
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -181,8 +192,13 @@ def test_materials_are_told_by_name_without_the_mtl_file(tmp_path):
     assert sorted(part.material for part in chosen.parts) == ["glass", "paint"]
 
 
+def test_the_only_material_whose_name_says_nothing_is_the_body(tmp_path):
+    path = _write_obj(tmp_path / "w.obj", header="usemtl Bus", between="usemtl Wheels_01")
+    assert sorted(part.material for part in load_vehicle(path).parts) == ["paint", "tyre"]
+
+
 def _with_materials(path):
-    return _write_obj(path, header="usemtl Fabric", between="usemtl Wood")
+    return _write_obj(path, header="usemtl Shell", between="usemtl Wood")
 
 
 def _with_nan(path):
@@ -202,7 +218,7 @@ def _rubbish(path):
         ("w.obj", lambda path: _write_obj(path, uvs=None), "no texture coordinates"),
         ("w.obj", lambda path: _write_obj(path, uvs=UVS * 2), r"span \[0, 2\]"),
         ("w.obj", _with_nan, "NaN"),
-        ("w.obj", _with_materials, "which material is paint.*Fabric, Wood"),
+        ("w.obj", _with_materials, "which material is paint.*Shell, Wood"),
         ("w.obj", lambda path: _write_obj(path, vertices=VERTICES * 0), "zero area"),
         ("w.ply", _rubbish, "cannot be read as PLY"),
         ("w.glb", _rubbish, "cannot be read as GLB"),
