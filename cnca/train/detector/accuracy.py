@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import groupby
+
 import numpy as np
 import torch
 
@@ -23,10 +26,11 @@ def measure(
     """
     indices = data.of_split(TEST)
     detections: list[Detections] = []
-    for start in range(0, len(indices), batch):
-        pictures = np.asarray(data.pictures[indices[start : start + batch]])
-        images = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255
-        detections += detector.detect(SrgbImages(images), score_threshold=LEAST_SCORE)
+    for _, alike in groupby(indices, key=lambda index: data.pictures[index].shape):
+        for chosen in _batched(list(alike), batch):
+            pictures = np.stack([data.pictures[index] for index in chosen])
+            images = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255
+            detections += detector.detect(SrgbImages(images), score_threshold=LEAST_SCORE)
     truths = [_boxes_of(data.boxes[index], label) for index in indices]
     groups = [data.groups[index] for index in indices]
     report = {"all": _summary(detections, truths, label)}
@@ -35,6 +39,12 @@ def measure(
         members = [(found, truth) for found, truth, name in pairs if name == group]
         report[group] = _summary([f for f, _ in members], [t for _, t in members], label)
     return report
+
+
+def _batched(items: list[int], count: int) -> Iterator[list[int]]:
+    """Runs of at most ``count`` items."""
+    for start in range(0, len(items), count):
+        yield items[start : start + count]
 
 
 def _boxes_of(labels: np.ndarray, label: int) -> torch.Tensor:

@@ -11,11 +11,12 @@ from jaxtyping import Float, UInt8
 Picture = UInt8[np.ndarray, "_ _ 3"]
 BoxArray = Float[np.ndarray, "_ 4"]
 
-ZOOM = (0.6, 1.5)
+ZOOM = (0.6, 1.8)
 SHIFT = 0.2
 """Fraction of the picture by which it moves, at most."""
 BRIGHTNESS, CONTRAST, TINT = 0.15, 0.35, 0.12
-BLUR_CHANCE, NOISE_CHANCE, GREY_CHANCE = 0.15, 0.2, 0.05
+BLUR_CHANCE, NOISE_CHANCE, GREY_CHANCE, JPEG_CHANCE = 0.15, 0.2, 0.05, 0.3
+JPEG_QUALITY = (30, 90)
 SMALLEST_REMAINDER = 0.3
 """An object of which less than this fraction stays in the picture is no target any more."""
 GREY = (128, 128, 128)
@@ -32,6 +33,9 @@ def augment(
     if rng.random() < NOISE_CHANCE:
         noise = rng.normal(0, rng.uniform(2, 10), picture.shape).astype(np.float32)
         picture = np.clip(picture + noise, 0, 255).astype(np.uint8)
+    if rng.random() < JPEG_CHANCE:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(*JPEG_QUALITY))]
+        picture = cv2.imdecode(cv2.imencode(".jpg", picture, quality)[1], cv2.IMREAD_COLOR)
     return picture, boxes, kept
 
 

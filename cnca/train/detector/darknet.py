@@ -112,6 +112,9 @@ def write_config(data: LabelledPictures, template: Path, config: Path, seed: int
 def _sizes(data: LabelledPictures, size: tuple[int, int]) -> Tensor:
     """Widths and heights of the training boxes in pixels of the network's input."""
     height, width = size
-    scale = min(height / data.pictures.shape[1], width / data.pictures.shape[2])
-    boxes = torch.cat([torch.from_numpy(data.boxes[i]) for i in data.of_split(TRAIN)]).float()
-    return (boxes[:, 2:4] - boxes[:, :2]) * scale
+    sizes = []
+    for index in data.of_split(TRAIN):
+        scale = min(height / data.pictures[index].shape[0], width / data.pictures[index].shape[1])
+        boxes = torch.from_numpy(data.boxes[index]).float()
+        sizes.append((boxes[:, 2:4] - boxes[:, :2]) * scale)
+    return torch.cat(sizes)

@@ -21,58 +21,78 @@ KEYS = ("class_names", "boxes", "group", "split")
 
 
 class LabelledPictures:
-    """A folder of ``images.npy`` and ``labels.json``.
+    """One or more folders of ``images.npy`` and ``labels.json``, joined.
 
-    ``images.npy`` is uint8 sRGB (count, height, width, 3) and is read piece by piece.
-    ``labels.json`` holds ``class_names``; ``boxes``, for each picture a list of
-    [left, top, right, bottom, class] in pixels; ``group``, for each picture the name under which
-    it is reported; ``split``, for each picture ``train`` or ``test``.
+    ``images.npy`` is uint8 sRGB (count, height, width, 3) and is read piece by piece; sizes may
+    differ from folder to folder.  ``labels.json`` holds ``class_names``, the same in all folders;
+    ``boxes``, for each picture a list of [left, top, right, bottom, class] in pixels; ``group``,
+    for each picture the name under which it is reported; ``split``, for each picture ``train`` or
+    ``test``.
 
     Raises:
         DetectorError: a file is missing, or its content does not fit.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, *folders: Path) -> None:
+        self.folders = folders
+        self.pictures: list[UInt8[np.ndarray, "_ _ 3"]] = []
+        self.class_names: list[str] = []
+        self.groups: list[str] = []
+        self.boxes: list[Float[np.ndarray, "_ 5"]] = []
+        self.split: list[str] = []
+        for folder in folders:
+            self._add(folder)
+
+    def of_split(self, split: str) -> list[int]:
+        """Indices of the pictures in ``train`` or ``test``."""
+        return [index for index, name in enumerate(self.split) if name == split]
+
+    def _add(self, folder: Path) -> None:
         try:
-            self.pictures = np.load(folder / "images.npy", mmap_mode="r")
+            pictures = np.load(folder / "images.npy", mmap_mode="r")
             labels = json.loads((folder / "labels.json").read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise DetectorError(f"{folder}: no data set for a detector ({error})") from error
         for key in KEYS:
             if key not in labels:
                 raise DetectorError(f"{folder / 'labels.json'}: key '{key}' is missing")
-        self._check_pictures()
-        self.class_names: list[str] = labels["class_names"]
-        self.groups: list[str] = labels["group"]
-        self.boxes = [np.array(b, float).reshape(-1, 5) for b in labels["boxes"]]
-        self.split: list[str] = labels["split"]
-        for key, values in (("boxes", self.boxes), ("group", self.groups), ("split", self.split)):
-            if len(values) != len(self.pictures):
+        _check_pictures(folder, pictures)
+        for key in ("boxes", "group", "split"):
+            if len(labels[key]) != len(pictures):
                 raise DetectorError(
-                    f"{folder / 'labels.json'}: '{key}' has {len(values)} entries, "
-                    f"images.npy holds {len(self.pictures)} pictures"
+                    f"{folder / 'labels.json'}: '{key}' has {len(labels[key])} entries, "
+                    f"images.npy holds {len(pictures)} pictures"
                 )
-        self._check_boxes()
+        names = labels["class_names"]
+        if self.class_names and names != self.class_names:
+            others = f"those of {self.folders[0]} {self.class_names}"
+            raise DetectorError(f"{folder / 'labels.json'}: class_names are {names}, {others}")
+        boxes = [np.array(b, float).reshape(-1, 5) for b in labels["boxes"]]
+        _check_boxes(folder, pictures, boxes, len(names))
+        self.class_names = names
+        self.pictures += list(pictures)
+        self.boxes += boxes
+        self.groups += labels["group"]
+        self.split += labels["split"]
 
-    def of_split(self, split: str) -> list[int]:
-        """Indices of the pictures in ``train`` or ``test``."""
-        return [index for index, name in enumerate(self.split) if name == split]
 
-    def _check_pictures(self) -> None:
-        shape, dtype = self.pictures.shape, self.pictures.dtype
-        if len(shape) != 4 or shape[3] != 3 or dtype != np.uint8:
-            problem = f"is {dtype} {shape}, must be uint8 (count, height, width, 3)"
-            raise DetectorError(f"{self.folder / 'images.npy'}: {problem}")
+def _check_pictures(folder: Path, pictures: np.ndarray) -> None:
+    shape, dtype = pictures.shape, pictures.dtype
+    if len(shape) != 4 or shape[3] != 3 or dtype != np.uint8:
+        problem = f"is {dtype} {shape}, must be uint8 (count, height, width, 3)"
+        raise DetectorError(f"{folder / 'images.npy'}: {problem}")
 
-    def _check_boxes(self) -> None:
-        height, width = self.pictures.shape[1:3]
-        for index, boxes in enumerate(self.boxes):
-            low, high, label = boxes[:, :2], boxes[:, 2:4], boxes[:, 4]
-            inside = (low >= 0).all() and (high <= [width, height]).all() and (low < high).all()
-            if not inside or not np.isin(label, np.arange(len(self.class_names))).all():
-                where = f"{self.folder / 'labels.json'}: boxes of picture {index}"
-                raise DetectorError(f"{where} must lie in {width}×{height} px, with a known class")
+
+def _check_boxes(
+    folder: Path, pictures: np.ndarray, labels: list[np.ndarray], classes: int
+) -> None:
+    height, width = pictures.shape[1:3]
+    for index, boxes in enumerate(labels):
+        low, high, label = boxes[:, :2], boxes[:, 2:4], boxes[:, 4]
+        inside = (low >= 0).all() and (high <= [width, height]).all() and (low < high).all()
+        if not inside or not np.isin(label, np.arange(classes)).all():
+            where = f"{folder / 'labels.json'}: boxes of picture {index}"
+            raise DetectorError(f"{where} must lie in {width}×{height} px, with a known class")
 
 
 class TrainingPictures(Dataset[Any]):

@@ -6,8 +6,7 @@ texture: so neither a loud texture nor a blob on the ground makes a car.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,7 +16,6 @@ import torch
 
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import DetectorError
-from cnca.core.files import replacing
 from cnca.core.progress import bar
 from cnca.core.types import SrgbTexture
 from cnca.gen import textures
@@ -26,6 +24,7 @@ from cnca.scene import controls
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.paint import Paint
 from cnca.scene.weather import Fog, Weather
+from cnca.train.detector.parts import Picture, join, save_part
 from cnca.vehicle.builtin import props
 from cnca.vehicle.builtin.sedan import BUILTIN_VEHICLES, build_sedan
 from cnca.vehicle.model import Part, Vehicle
@@ -34,7 +33,7 @@ GROUPS = ("plain", "uniform", "blocks", "shuffled", "prompt")
 """Kinds of paint; a picture without a vehicle is in the group ``empty``."""
 PICTURES_PER_SCENE = 15
 WEATHERS_PER_SCENE = 3
-EMPTY_SHARE, FOG_SHARE, TEST_SHARE = 0.15, 0.4, 0.15
+EMPTY_SHARE, FOG_SHARE = 0.15, 0.4
 LOUD = ("blocks", "shuffled", "prompt")
 TEXTURE_SIZE, SAMPLES = 256, 8
 LEAST_PIXELS = 300
@@ -71,15 +70,6 @@ BUILTIN_CAST = Cast(
 sees nothing else learns to disregard paint altogether."""
 
 
-@dataclass(frozen=True)
-class _Picture:
-    image: np.ndarray
-    """uint8 sRGB (size, size, 3)."""
-    box: list[float] | None
-    """xyxy and class 0, or None without a vehicle."""
-    group: str
-
-
 def render_detector_data(
     out: Path, *, pictures: int, seed: int, size: int = 256, cast: Cast = BUILTIN_CAST
 ) -> None:
@@ -101,36 +91,13 @@ def render_detector_data(
     with bar() as progress:
         for index, part in enumerate(progress.track(parts, description="scenes for the detector")):
             if not part.exists():
-                _save(part, _render_scene(np.random.default_rng([seed, index]), index, size, cast))
-    _merge(out, parts)
+                save_part(
+                    part, _render_scene(np.random.default_rng([seed, index]), index, size, cast)
+                )
+    join(out, parts)
 
 
-def _save(path: Path, pictures: list[_Picture]) -> None:
-    labels = json.dumps([{"box": p.box, "group": p.group} for p in pictures])
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, images=np.stack([p.image for p in pictures]), labels=labels)
-
-
-def _merge(out: Path, parts: Sequence[Path]) -> None:
-    """Join the scenes; the first ones are for testing."""
-    images: list[np.ndarray] = []
-    table: dict[str, list[object]] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
-    for index, part in enumerate(parts):
-        with np.load(part) as scene:
-            pictures, labels = scene["images"], json.loads(str(scene["labels"]))
-        split = "test" if index < TEST_SHARE * len(parts) else "train"
-        for picture, label in zip(pictures, labels, strict=True):
-            images.append(picture)
-            table["boxes"].append([label["box"]] if label["box"] else [])
-            table["group"].append(label["group"])
-            table["split"].append(split)
-    with replacing(out / "images.npy") as temporary, temporary.open("wb") as file:
-        np.save(file, np.stack(images))
-    with replacing(out / "labels.json") as temporary:
-        temporary.write_text(json.dumps(table))
-
-
-def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -> list[_Picture]:
+def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -> list[Picture]:
     empty = rng.random() < EMPTY_SHARE
     name = str(rng.choice(list(cast.vehicles)))
     vehicle = Vehicle("none", ()) if empty else cast.vehicles[name]()
@@ -145,14 +112,14 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
     pictures = []
     for k in range(PICTURES_PER_SCENE):
         group = cast.groups[(scene * PICTURES_PER_SCENE + k) % len(cast.groups)]
-        albedo = cast.paint.apply(_texture(group, rng, cast.textures))
+        albedo = cast.paint.apply(draw_texture(group, rng, cast.textures))
         view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
         seed = int(rng.integers(2**31))
         with torch.no_grad():
             image = renderer.render(albedo, [view], weathers[k % len(weathers)], seed=seed)
-        box = None if empty else [*renderer.vehicle_boxes([view])[0].tolist(), 0]
+        boxes = [] if empty else [[*renderer.vehicle_boxes([view])[0].tolist(), 0]]
         pixels = (linear_to_srgb(image)[0].permute(1, 2, 0) * 255).round().byte().numpy()
-        pictures.append(_Picture(pixels, box, "empty" if empty else group))
+        pictures.append(Picture(pixels, boxes, "empty" if empty else group))
     return pictures
 
 
@@ -209,7 +176,10 @@ def _view(rng: np.random.Generator, size: int) -> View:
     )
 
 
-def _texture(group: str, rng: np.random.Generator, fixed: Mapping[str, SrgbTexture]) -> SrgbTexture:
+def draw_texture(
+    group: str, rng: np.random.Generator, fixed: Mapping[str, SrgbTexture]
+) -> SrgbTexture:
+    """A texture of a kind of paint; ``fixed`` are kinds that are one texture each."""
     generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
     if group in fixed:
         return fixed[group]

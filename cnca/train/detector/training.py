@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
@@ -26,6 +27,11 @@ FINE_TUNING = 0.25
 """Step size of fine-tuning relative to that of a training from scratch."""
 
 
+def fast_in_bfloat16() -> bool:
+    """Whether this processor multiplies matrices in bfloat16 itself."""
+    return bool(torch.cpu.get_capabilities().get("amx_bf16", False))
+
+
 @dataclass(frozen=True)
 class Settings:
     """What decides the outcome of a training, apart from the data."""
@@ -33,8 +39,8 @@ class Settings:
     epochs: int = 20
     batch: int = 32
     seed: int = 0
-    bfloat16: bool = True
-    """Convolve in bfloat16 (several times faster on processors with AMX)."""
+    bfloat16: bool = field(default_factory=fast_in_bfloat16)
+    """Convolve in bfloat16: several times faster on processors with AMX, slower on others."""
     fine_tune: bool = False
     """Begin with the template's own weights and anchors, and take smaller steps."""
 
@@ -66,7 +72,7 @@ class DetectorTask(Task[tuple[Tensor, Targets]]):
         self._pictures = TrainingPictures(data, detector.size, settings.seed)
         if len(self._pictures) < settings.batch:
             raise DetectorError(
-                f"{data.folder}: {len(self._pictures)} pictures to train on, too few"
+                f"{data.folders[0]}: {len(self._pictures)} pictures to train on, too few"
             )
         self._epoch = len(self._pictures) // settings.batch
         self._batch, self._seed, self._bfloat16 = settings.batch, settings.seed, settings.bfloat16
@@ -103,14 +109,14 @@ class DetectorTask(Task[tuple[Tensor, Targets]]):
 
 
 def train_detector(
-    dataset: Path,
+    datasets: Path | Sequence[Path],
     out: Path,
-    settings: Settings = Settings(),
+    settings: Settings | None = None,
     *,
     template: Path = BUILTINS[BUILTIN],
     resume: bool = False,
 ) -> DetectorReport:
-    """Train the network of ``template`` on ``dataset`` and return the report on its test half.
+    """Train the network of ``template`` on data sets and return the report on their test halves.
 
     ``template`` is a Darknet ``.cfg``, or a folder with a ``config.json`` of transformers.  ``out``
     receives what :func:`cnca.detect.load_detector` understands: ``<template>.cfg`` (with anchors
@@ -123,11 +129,12 @@ def train_detector(
         RunError: ``out`` holds a training already (without ``resume``), or one of other settings.
         NonFiniteError: a loss or gradient became NaN or infinite.
     """
-    data = LabelledPictures(dataset)
+    settings = settings or Settings()
+    data = LabelledPictures(*([datasets] if isinstance(datasets, Path) else datasets))
     loop = TrainingLoop(out, settings.seed, resume)
     out.mkdir(parents=True, exist_ok=True)
     if not any(len(data.boxes[index]) for index in data.of_split(TRAIN)):
-        raise DetectorError(f"{data.folder}: no boxes to train on")
+        raise DetectorError(f"{data.folders[0]}: no boxes to train on")
     detector = start(data, template, out, settings)
     saved = detector.save(loop.run(DetectorTask(detector, data, settings)))
     report = DetectorReport(settings, measure(load_detector(str(saved)), data))

@@ -1,0 +1,145 @@
+"""Renders streets full of traffic with the boxes of all vehicles, to train detectors on.
+
+A scene is one place in one built-in world, in two weathers: a vehicle in some paint stands there,
+and the world's traffic around it.  Half of the cameras look along the road from a driver's height;
+the others circle the vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from cnca.core.color import linear_to_srgb
+from cnca.core.progress import bar
+from cnca.effects.plan import Demand
+from cnca.mi_bridge.renderer import MitsubaRenderer
+from cnca.scene.cameras import View, orbit_view
+from cnca.scene.weather import Fog, Weather
+from cnca.train.detector.parts import Picture, join, save_part
+from cnca.train.detector.renders import BUILTIN_CAST, LOUD, TEXTURE_SIZE, draw_texture
+from cnca.world.builtin import BUILTIN_WORLDS, build
+
+SIZE = (256, 416)
+"""Height and width of the pictures in pixels."""
+SAMPLES = 8
+VIEWS, WEATHERS = 8, 2
+"""Of a scene; every view is taken in every weather."""
+LOUD_SHARE = 0.15
+"""Of the scenes, how many show their vehicle in loud paint."""
+LEAST_WIDTH, LEAST_SEEN = 9, 0.3
+"""Pixels and visible share from which a vehicle is one to find."""
+CAR = 0
+VEHICLES = ("car", "truck", "bus")
+"""Traffic that counts as class ``car``."""
+
+
+def render_streets(out: Path, *, pictures: int, seed: int) -> None:
+    """Write ``images.npy`` and ``labels.json`` into ``out``; continues where it was interrupted.
+
+    ``pictures`` is rounded up to whole scenes of ``VIEWS · WEATHERS``; groups are the worlds.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    scenes = -(-pictures // (VIEWS * WEATHERS))
+    parts = [out / f"street{index:04d}-{seed}.npz" for index in range(scenes)]
+    with bar() as progress:
+        for index, part in enumerate(progress.track(parts, description="streets")):
+            if not part.exists():
+                save_part(part, list(_scene(np.random.default_rng([seed, index]), index)))
+    join(out, parts)
+
+
+def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
+    name = list(BUILTIN_WORLDS)[index % len(BUILTIN_WORLDS)]
+    world = build(name, int(rng.integers(2**31)))
+    world = world.around(world.places[rng.integers(len(world.places))])
+    vehicle = BUILTIN_CAST.vehicles[str(rng.choice(list(BUILTIN_CAST.vehicles)))]()
+    loud = rng.random() < LOUD_SHARE
+    group = str(rng.choice(LOUD)) if loud else str(rng.choice(["plain", "plain", "uniform"]))
+    albedo = BUILTIN_CAST.paint.apply(draw_texture(group, rng, {}))
+    renderer = MitsubaRenderer(
+        vehicle,
+        texture_size=TEXTURE_SIZE,
+        samples=SAMPLES,
+        exposure=float(np.exp(rng.uniform(np.log(0.45), np.log(1.1)))),
+        demand=Demand(forced={"gradient": "off", "surroundings": "geometry"}),
+        worlds=lambda _: world,
+    )
+    views = [_driver(rng) if k % 2 else _orbit(rng) for k in range(VIEWS)]
+    boxes = [_boxes(renderer, view) for view in views]
+    for _ in range(WEATHERS):
+        weather = _weather(rng)
+        for view, vehicles in zip(views, boxes, strict=True):
+            seed = int(rng.integers(2**31))
+            with torch.no_grad():
+                image = renderer.render(albedo, [view], weather, seed=seed)
+            pixels = (linear_to_srgb(image)[0].permute(1, 2, 0) * 255).round().byte().numpy()
+            yield Picture(pixels, vehicles, name)
+
+
+def _boxes(renderer: MitsubaRenderer, view: View) -> list[list[float]]:
+    """xyxy and class of every vehicle, ours and the traffic's, that is wide and free enough."""
+    [share], [mask] = renderer.visible_shares([view]), renderer.vehicle_mask([view])
+    found = [([*_extent(mask > 0.5)], share)] if (mask > 0.5).any() else []
+    traffic = [seen for seen in renderer.sightings([view])[0] if seen.label in VEHICLES]
+    found += [([*map(float, seen.box)], 1 - seen.occluded) for seen in traffic]
+    return [
+        [*box, CAR]
+        for box, visible in found
+        if box[2] - box[0] >= LEAST_WIDTH and visible >= LEAST_SEEN
+    ]
+
+
+def _extent(mask: np.ndarray) -> tuple[float, float, float, float]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return float(columns[0]), float(rows[0]), columns[-1] + 1.0, rows[-1] + 1.0
+
+
+def _driver(rng: np.random.Generator) -> View:
+    """From a driver's or a lorry's height, on the road before or behind the vehicle."""
+    height, width = SIZE
+    ahead = rng.random() < 0.5
+    x = rng.uniform(2.6, 4.0) if ahead else rng.uniform(-45, -6)
+    aim = rng.normal(0, 0.12 if ahead else 0.06)
+    direction = np.pi + aim if rng.random() < 0.25 and ahead else aim
+    z = rng.uniform(1.3, 2.6)
+    target = (x + 10 * np.cos(direction), 10 * np.sin(direction), z + rng.uniform(-1.2, 0.5))
+    y = 0.0 if ahead else rng.uniform(-1.5, 1.5)
+    return View(
+        "driver",
+        (float(x), float(y), float(z)),
+        (float(target[0]), float(target[1] + y), float(target[2])),
+        (0.0, 0.0, 1.0),
+        float(rng.uniform(60, 100)),
+        width,
+        height,
+    )
+
+
+def _orbit(rng: np.random.Generator) -> View:
+    height, width = SIZE
+    distance = float(np.exp(rng.uniform(np.log(5.5), np.log(25))))
+    aim = rng.uniform(-0.25, 0.25, 3) * distance
+    return orbit_view(
+        float(rng.uniform(0, 360)),
+        float(rng.uniform(2, 28)),
+        distance,
+        fov=float(rng.uniform(40, 80)),
+        width=width,
+        height=height,
+        target=(float(aim[0]), float(aim[1]), 0.7 + abs(float(aim[2])) / 3),
+    )
+
+
+def _weather(rng: np.random.Generator) -> Weather:
+    fog = Fog(float(np.exp(rng.uniform(np.log(50), np.log(600))))) if rng.random() < 0.25 else None
+    return Weather(
+        sun_altitude=float(rng.uniform(6, 75)),
+        sun_azimuth=float(rng.uniform(0, 360)),
+        turbidity=float(rng.uniform(2, 6)),
+        sun_scale=float(rng.choice([1.0, 1.0, 0.05])),
+        fog=fog,
+    )
