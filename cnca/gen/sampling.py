@@ -33,6 +33,7 @@ from cnca.gen.choices import CONCAT, REPLACE, check_kind
 from cnca.gen.feature import check_finite, default_tokens
 from cnca.gen.noise import Noises, standardized
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
+from cnca.gen.repeats import rolled, rolled_back, shift, tiled, wrapped
 
 TextFeature = Float[Tensor, "tokens width"]
 
@@ -44,8 +45,9 @@ class DiffusionTextureGenerator:
     ``feature`` says what F_adv does to the text (see :mod:`cnca.gen.feature`), ``tokens`` is its
     number of tokens (by default all that the encoder reads for ``concat``, the last 40 of 77 for
     ``replace``), ``steps`` the number of DDIM steps, ``guidance`` the scale of classifier-free
-    guidance (1 switches it off), ``size`` the texture's side in pixels (by default the model's
-    own).  Gradients flow through all steps, or through the last ``gradient_steps`` only.  With
+    guidance (1 switches it off), ``size`` the side in pixels of what is generated (by default the
+    model's own); with ``repeats`` above 1 that has no seams, and is repeated as often per side of
+    the texture.  Gradients flow through all steps, or through the last ``gradient_steps`` only.  With
     ``gradient_checkpointing`` memory holds one step's activations, whatever ``steps`` is; without,
     it holds all of them, and nothing is computed twice: the same gradient in two thirds of the
     time.  ``half`` is the type of the U-Net's products and convolutions (autocast), such as
@@ -61,20 +63,23 @@ class DiffusionTextureGenerator:
         steps: int = 20,
         guidance: float = GUIDANCE,
         size: int | None = None,
+        repeats: int = 1,
         gradient_steps: int | None = None,
         gradient_checkpointing: bool = True,
         half: torch.dtype | None = None,
     ) -> None:
         gradient_steps = steps if gradient_steps is None else gradient_steps
         tokens = default_tokens(feature, _length(pipeline)) if tokens is None else tokens
-        _require_positive(tokens=tokens, steps=steps, gradient_steps=gradient_steps)
+        _require_positive(
+            tokens=tokens, steps=steps, gradient_steps=gradient_steps, repeats=repeats
+        )
         if gradient_steps > steps:
             raise GeneratorError(f"gradient_steps is {gradient_steps}: there are {steps} steps")
         if tokens > _length(pipeline):
             raise GeneratorError(f"tokens is {tokens}: the encoder reads {_length(pipeline)}")
         self._pipeline = pipeline
         self._replaces = check_kind(feature) == REPLACE
-        self._guidance = guidance
+        self._guidance, self._repeats = guidance, repeats
         self._gradient_steps = gradient_steps
         self._gradient_checkpointing = gradient_checkpointing
         self._half = half
@@ -156,7 +161,9 @@ class DiffusionTextureGenerator:
             step = partial(checkpoint, step, use_reentrant=False)
         for i, t in enumerate(timesteps):
             with torch.set_grad_enabled(torch.is_grad_enabled() and i >= first_with_gradient):
-                latents = step(latents, t, condition, each[i])
+                by = shift(i, latents) if self._repeats > 1 else (0, 0)
+                noise = None if each[i] is None else rolled(each[i], by)
+                latents = rolled_back(step(rolled(latents, by), t, condition, noise), by)
         return latents
 
     def _noises(
@@ -234,7 +241,12 @@ class DiffusionTextureGenerator:
 
     def _decode(self, latents: Float[Tensor, "1 channels rows columns"]) -> SrgbTexture:
         vae = self._pipeline.vae
-        decoded = vae.decode(latents / vae.config.scaling_factor, return_dict=False)[0][0]
+        latents = latents / vae.config.scaling_factor
+        if self._repeats == 1:
+            decoded = vae.decode(latents, return_dict=False)[0][0]
+        else:
+            decoded = vae.decode(wrapped(latents), return_dict=False)[0][0]
+            decoded = tiled(decoded, _per_latent(self._pipeline), self._repeats)
         if not torch.isfinite(decoded).all():
             raise NonFiniteError("the generated texture is not finite: F_adv or guidance too large")
         return (0.5 * decoded + 0.5).clamp(0.0, 1.0)
@@ -278,12 +290,17 @@ def _length(pipeline: Pipeline) -> int:
 
 def _latent_shape(pipeline: Pipeline, size: int | None) -> tuple[int, int, int, int]:
     """Shape of x_t for a texture of ``size`` pixels; the model's own size for None."""
-    per_latent = 2 ** (len(pipeline.vae.config.block_out_channels) - 1)
+    per_latent = _per_latent(pipeline)
     unit = per_latent * 2 ** (len(pipeline.unet.config.block_out_channels) - 1)
     size = pipeline.unet.config.sample_size * per_latent if size is None else size
     if size <= 0 or size % unit:
         raise GeneratorError(f"texture size {size} is not a positive multiple of {unit} pixels")
     return (1, pipeline.unet.config.in_channels, size // per_latent, size // per_latent)
+
+
+def _per_latent(pipeline: Pipeline) -> int:
+    """Pixels per side that the autoencoder makes of one latent."""
+    return 2 ** (len(pipeline.vae.config.block_out_channels) - 1)
 
 
 def _require_positive(**counts: int) -> None:
