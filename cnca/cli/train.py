@@ -10,9 +10,10 @@ import typer
 from cnca.cli.app import app
 from cnca.cli.help import TRAIN
 from cnca.cli.options import Given, Resume, Seed, takes
-from cnca.core.options import OUTPUT, STRENGTH, WHAT
+from cnca.core.options import OUTPUT, WHAT
 from cnca.jobs.efr_request import EfrRequest
 from cnca.jobs.hardening_request import HardeningRequest
+from cnca.train.detector.request import DetectorRequest
 
 
 @app.command("train-generator", rich_help_panel=TRAIN)
@@ -61,30 +62,13 @@ def train_style_judge(
 
 
 @app.command("train-detector", rich_help_panel=TRAIN)
-def train_detector(
-    out: Annotated[
-        Path, typer.Option(help="Folder for pictures and weights.", rich_help_panel=OUTPUT)
-    ],
-    kind: Annotated[
-        str, typer.Option(help="yolo, anchor-free or transformer.", rich_help_panel=WHAT)
-    ] = "yolo",
-    pictures: Annotated[
-        int, typer.Option(help="Pictures to render.", rich_help_panel=STRENGTH)
-    ] = 1680,
-    epochs: Annotated[
-        int, typer.Option(help="Passes over the pictures.", rich_help_panel=STRENGTH)
-    ] = 26,
-    seed: Seed = 0,
-    resume: Resume = False,
-) -> None:
-    """Render pictures of the built-in vehicles and train a built-in detector on them."""
+@takes(DetectorRequest)
+def train_detector(given: Given[DetectorRequest], resume: Resume = False) -> None:
+    """Train a built-in detector on renders of planes and streets, and on labelled frames."""
     from cnca.core.records import as_json
     from cnca.train.detector.builtin import train_builtin
 
-    report = train_builtin(
-        out, kind=kind, pictures=pictures, epochs=epochs, seed=seed, resume=resume
-    )
-    typer.echo(as_json(report))
+    typer.echo(as_json(train_builtin(given.record(), resume=resume)))
 
 
 @app.command(rich_help_panel=TRAIN)

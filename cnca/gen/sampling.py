@@ -14,6 +14,7 @@ in the code            in the paper (section 3.3, equations 7 and 8) and in DDIM
 
 from __future__ import annotations
 
+from copy import copy
 from functools import partial
 from pathlib import Path
 from typing import Any, final
@@ -47,10 +48,10 @@ class DiffusionTextureGenerator:
     ``replace``), ``steps`` the number of DDIM steps, ``guidance`` the scale of classifier-free
     guidance (1 switches it off), ``size`` the side in pixels of what is generated (by default the
     model's own); with ``repeats`` above 1 that has no seams, and is repeated as often per side of
-    the texture.  Gradients flow through all steps, or through the last ``gradient_steps`` only.  With
-    ``gradient_checkpointing`` memory holds one step's activations, whatever ``steps`` is; without,
-    it holds all of them, and nothing is computed twice: the same gradient in two thirds of the
-    time.  ``half`` is the type of the U-Net's products and convolutions (autocast), such as
+    the texture.  Gradients flow through all steps, or through the last ``gradient_steps`` only.
+    With ``gradient_checkpointing`` memory holds one step's activations, whatever ``steps`` is;
+    without, it holds all of them, and nothing is computed twice: the same gradient in two thirds of
+    the time.  ``half`` is the type of the U-Net's products and convolutions (autocast), such as
     bfloat16; weights, latents and the autoencoder stay as they are.
     """
 
@@ -100,6 +101,13 @@ class DiffusionTextureGenerator:
         """
         return cls(load_pipeline(path or SHIPPED, device=device), **options)
 
+    def repeating(self, repeats: int) -> DiffusionTextureGenerator:
+        """The same generator with another number of repeats."""
+        _require_positive(repeats=repeats)
+        other = copy(self)
+        other._repeats = repeats
+        return other
+
     @torch.no_grad()
     def encode(self, prompt: str) -> TextFeature:
         """Return F_txt on the CPU, padded to the encoder's length (77).
@@ -125,7 +133,7 @@ class DiffusionTextureGenerator:
         noises: Noises | None = None,
         together: bool = False,
     ) -> SrgbTexture:
-        """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size, size).
+        """Return T2I([F_adv, F_txt]), sRGB in [0, 1], shape (3, size · repeats, size · repeats).
 
         ``generator`` draws the initial noise of deterministic DDIM; the same state gives the same
         texture.  With ``noises`` of :attr:`noise_shape`, x_T and that of each step, DDIM is

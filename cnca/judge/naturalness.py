@@ -13,8 +13,9 @@ from torch import Tensor
 
 from cnca.core.errors import RunError
 from cnca.core.images import read_texture_srgb
-from cnca.core.types import SrgbImages, SrgbTexture
+from cnca.core.types import SrgbTexture
 from cnca.gen.scorer import PromptScorer
+from cnca.judge.style import windows
 
 COLOUR_SIDE = 32
 """Texels per side, after averaging, whose colours are looked at."""
@@ -28,7 +29,7 @@ class Naturalness:
     """Numbers of one texture; by the first it follows the prompt, by the others it looks sane."""
 
     prompt_score: float
-    """Cosine of picture and prompt in [−1, 1], by a CLIP-like scorer."""
+    """Cosine of picture and prompt in [−1, 1], by a CLIP-like scorer; mean over windows of 256²."""
     distance: float
     """Root mean square difference of display values from the picture with F_adv = 0, in [0, 1]."""
     total_variation: float
@@ -50,7 +51,7 @@ def naturalness(
     """
     real, chroma = _colours(texture)
     return Naturalness(
-        prompt_score=scorer.score(SrgbImages(texture[None]), [prompt]).item(),
+        prompt_score=scorer.score(windows(texture), [prompt]).mean().item(),
         distance=(texture - unattacked).square().mean().sqrt().item(),
         total_variation=total_variation(texture),
         real_colours=real,

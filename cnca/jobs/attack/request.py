@@ -59,6 +59,11 @@ class Request:
     texture_size: Annotated[
         int | None, Flag("Texels per side to generate; by default the model's own.", STRENGTH)
     ] = None
+    pattern_size: Annotated[
+        float | None,
+        Flag("Metres on the vehicle from one mark of the pattern to the next.", STRENGTH),
+    ] = None
+    """What is generated has no seams then, and repeats (:mod:`cnca.jobs.attack.pattern`)."""
     ddim_steps: Annotated[int, Flag("Denoising steps of the generator.", COST)] = 20
     style: Annotated[
         float, Flag("Weight of the style term: the prompt score is to stay.", STRENGTH)
@@ -90,9 +95,11 @@ class Request:
     resume: Annotated[bool, Flag("Go on with an interrupted run.", OUTPUT)] = False
 
     def __post_init__(self) -> None:
-        """Raises RunError for a time that is none."""
+        """Raises RunError for a time, or a length, that is none."""
         if self.minutes is not None and not 0 < self.minutes < math.inf:
             raise RunError(f"minutes is {self.minutes}: give a finite number above 0")
+        if self.pattern_size is not None and not 0 < self.pattern_size < math.inf:
+            raise RunError(f"pattern_size is {self.pattern_size}: give metres, a number above 0")
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that decides the result: not the folder, its log, or how it is computed."""

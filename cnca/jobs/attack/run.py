@@ -30,6 +30,7 @@ from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import load_scorer
 from cnca.jobs.attack import tensorboard
 from cnca.jobs.attack.budget import decided
+from cnca.jobs.attack.pattern import at_size
 from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.verdict import judge
 from cnca.judge.summary import Summary
@@ -65,7 +66,7 @@ def assemble(request: Request, scene: Scene) -> Attack:
     refuse_black_boxes(targets)
     vehicle = build.build_vehicle(scene)
     paint = build.build_paint(scene, vehicle)
-    generator = build_generator(request)
+    generator = at_size(request, build_generator(request), vehicle)
     return Attack(
         scene=scene,
         renderer=build.build_loop_renderer(
