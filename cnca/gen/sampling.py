@@ -170,7 +170,8 @@ class DiffusionTextureGenerator:
         for i, t in enumerate(timesteps):
             with torch.set_grad_enabled(torch.is_grad_enabled() and i >= first_with_gradient):
                 by = shift(i, latents) if self._repeats > 1 else (0, 0)
-                noise = None if each[i] is None else rolled(each[i], by)
+                noise = each[i]
+                noise = None if noise is None else rolled(noise, by)
                 latents = rolled_back(step(rolled(latents, by), t, condition, noise), by)
         return latents
 
