@@ -21,6 +21,7 @@ from cnca.core.errors import (
     TextureError,
     did_you_mean,
 )
+from cnca.core.hub import hub_folder, is_hub_name
 from cnca.core.images import read_mask, read_texture_srgb
 from cnca.core.plugins import is_plugin, load_plugin, plugin_file
 from cnca.core.types import SrgbTexture
@@ -52,6 +53,8 @@ CACHE_FACTOR = 4
 SEAM_PADDING = 2
 """Texels of paint around every chart, for the filters."""
 SHIPPED_GENERATOR = Path(__file__).parent / "assets" / "generator"
+GENERATOR_FILES = ("model_index.json", "*/*.json", "*/*.txt", "*/*.safetensors")
+"""Of a pipeline on the Hugging Face hub."""
 SHIPPED_EFR = Path(__file__).parent / "assets" / "efr" / "raster.safetensors"
 
 
@@ -255,14 +258,18 @@ def build_generator(
 ) -> TextureGenerator:
     """The diffusion pipeline in a folder in diffusers format; None is the shipped one.
 
+    ``hf:OWNER/NAME`` is fetched once from the Hugging Face hub.
+
     ``mixed_precision`` lets the U-Net multiply in bfloat16; ``options`` are those of
     :class:`cnca.gen.sampling.DiffusionTextureGenerator`.  A generator of a user's own,
     ``module:attribute``, has its own options and is given none.
     """
-    if path is not None and is_plugin(str(path)):
+    if path is not None and is_plugin(str(path)) and not is_hub_name(str(path)):
         return load_plugin(str(path), TextureGenerator, error=GeneratorError)
     from cnca.gen.sampling import DiffusionTextureGenerator
 
+    if path is not None and is_hub_name(str(path)):
+        path = hub_folder(str(path), GENERATOR_FILES, GeneratorError)
     half = torch.bfloat16 if mixed_precision else None
     return DiffusionTextureGenerator.load(path, device=device, half=half, **options)
 
@@ -335,6 +342,8 @@ def input_files(
 
 def generator_files(path: Path | None) -> list[Path]:
     """What :func:`build_generator` reads: a folder, or where a user's own is written."""
+    if path is not None and is_hub_name(str(path)):
+        return [hub_folder(str(path), GENERATOR_FILES, GeneratorError)]
     if path is None or not is_plugin(str(path)):
         return [path or SHIPPED_GENERATOR]
     file = plugin_file(str(path))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.hub import HUB, hub_folder, is_hub_name
 from cnca.core.plugins import is_plugin, load_plugin, plugin_file
 
 if TYPE_CHECKING:
@@ -13,7 +14,9 @@ if TYPE_CHECKING:
 
     from cnca.scene.protocols import Detector
 
-BUILTIN, TORCHVISION = "builtin", "torchvision:"
+BUILTIN, TORCHVISION, DARKNET = "builtin", "torchvision:", "darknet:"
+HUB_FILES = ("config.json", "preprocessor_config.json", "*.safetensors")
+"""Of a detector on the Hugging Face hub."""
 _ASSETS = Path(__file__).parents[1] / "assets" / "detector"
 BUILTIN_CONFIG = _ASSETS / "builtin.cfg"
 TRAINED = {
@@ -35,7 +38,8 @@ def load_detector(spec: str, *, device: torch.device | str = "cpu") -> Detector:
     ``.weights`` or ``.safetensors``, lie beside it); the path of ``yolov3.weights`` or
     ``yolov3-tiny.weights``, whose configurations we know; the path of an ``.onnx`` file; a folder
     of transformers (``config.json`` and safetensors); ``torchvision:NAME:FILE``; or
-    ``module:attribute``, a detector of one's own (:mod:`cnca.core.plugins`).
+    ``module:attribute``, a detector of one's own (:mod:`cnca.core.plugins`).  ``hf:OWNER/NAME``,
+    ``torchvision:NAME`` and ``darknet:yolov3`` are fetched once (:mod:`cnca.core.hub`).
 
     Raises:
         DetectorError: the name is unknown, or a file is missing or cannot be used.
@@ -48,8 +52,8 @@ def load_detector(spec: str, *, device: torch.device | str = "cpu") -> Detector:
         from cnca.scene.protocols import Detector
 
         return load_plugin(spec, Detector, error=DetectorError)
-    path = BUILTINS.get(spec, Path(spec))
-    name = spec if spec in BUILTINS else None
+    path = _path(spec)
+    name = spec if spec in BUILTINS else _hub_name(spec)
     match path.suffix.lower():
         case ".cfg":
             from cnca.detect.white_box import DarknetDetector
@@ -63,14 +67,19 @@ def load_detector(spec: str, *, device: torch.device | str = "cpu") -> Detector:
             from cnca.detect.onnx import OnnxDetector
 
             return OnnxDetector(path)
+        case ".pt":
+            raise DetectorError(
+                f"{path}: reading .pt files of Ultralytics would run their code; export it: "
+                f"yolo export model={path} format=onnx, then give {path.with_suffix('.onnx')}"
+            )
     if path.is_dir() or spec.endswith("/"):
         from cnca.detect.transformer import TransformersDetector
 
         return TransformersDetector.load(path, device=device, name=name)
-    known = f"{', '.join(BUILTINS)}, {TORCHVISION}NAME:FILE, module:attribute"
+    known = f"{', '.join(BUILTINS)}, hf:OWNER/NAME, darknet:yolov3, {TORCHVISION}NAME[:FILE]"
     raise DetectorError(
-        f"detector '{spec}': unknown; give {known}, the path of a .cfg, .weights or .onnx file, or "
-        f"a folder of transformers{did_you_mean(spec, BUILTINS)}"
+        f"detector '{spec}': unknown; give {known}, module:attribute, the path of a .cfg, .weights "
+        f"or .onnx file, or a folder of transformers{did_you_mean(spec, BUILTINS)}"
     )
 
 
@@ -79,12 +88,31 @@ def detector_files(spec: str) -> list[Path]:
     if _is_own(spec):
         file = plugin_file(spec)
         return [file] if file else []
-    path = BUILTINS.get(spec, Path(spec))
     if spec.startswith(TORCHVISION):
-        path = Path(spec.split(":", 2)[-1])
+        from cnca.detect.torchvision_models import weights_file
+
+        path = weights_file(spec)
+    else:
+        path = _path(spec)
     return [path] if path.is_dir() else sorted(path.parent.glob(f"{path.stem}.*"))
+
+
+def _path(spec: str) -> Path:
+    """Where a detector lies, fetched where the name is one of the net."""
+    if is_hub_name(spec):
+        return hub_folder(spec, HUB_FILES, DetectorError)
+    if spec.startswith(DARKNET):
+        from cnca.detect.yolov3 import published_weights
+
+        return published_weights(spec.removeprefix(DARKNET))
+    return BUILTINS.get(spec, Path(spec))
+
+
+def _hub_name(spec: str) -> str | None:
+    """The model's name without its owner; its folder in the cache is called by a number."""
+    return spec.rpartition("/")[2].partition("@")[0] if is_hub_name(spec) else None
 
 
 def _is_own(spec: str) -> bool:
     """Whether it is ``module:attribute`` and none of the names that only look like it."""
-    return is_plugin(spec) and not spec.startswith((f"{BUILTIN}:", TORCHVISION))
+    return is_plugin(spec) and not spec.startswith((f"{BUILTIN}:", TORCHVISION, DARKNET, HUB))

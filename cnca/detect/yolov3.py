@@ -7,6 +7,10 @@ YOLOv3-tiny: the authors' own small network, which the paper leaves out.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
+
+from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.hub import fetched_file
 
 COCO_CLASSES, ANCHORS_PER_HEAD = 80, 3
 ANCHORS = "10,13, 16,30, 33,23, 30,61, 62,45, 59,119, 116,90, 156,198, 373,326"
@@ -43,6 +47,34 @@ def yolov3_tiny(classes: int = COCO_CLASSES, size: int = 416) -> str:
 
 CONFIGS: dict[str, Callable[[], str]] = {"yolov3": yolov3, "yolov3-tiny": yolov3_tiny}
 """What ``NAME.weights`` without a configuration beside it belongs to."""
+
+ADDRESS = "https://pjreddie.com/media/files/"
+"""Where the authors publish their weights."""
+LICENSE = "public domain (Darknet's)"
+PUBLISHED = {
+    "yolov3": "523e4e69e1d015393a1b0a441cef1d9c7659e3eb2d7e15f793f060a21b32f297",
+    "yolov3-tiny": "dccea06f59b781ec1234ddf8d1e94b9519a97f4245748a7d4db75d5b7080a42c",
+}
+"""Network → SHA-256 of its weights."""
+
+
+def published_weights(name: str) -> Path:
+    """The authors' weights, fetched once.
+
+    Raises DetectorError for another name, without a network, or for other content.
+    """
+    if name not in PUBLISHED:
+        known = ", ".join(f"darknet:{one}" for one in PUBLISHED)
+        raise DetectorError(
+            f"detector 'darknet:{name}': there is {known}{did_you_mean(name, PUBLISHED)}"
+        )
+    return fetched_file(
+        f"darknet:{name}",
+        f"{ADDRESS}{name}.weights",
+        PUBLISHED[name],
+        DetectorError,
+        license_name=LICENSE,
+    )
 
 
 def _net(size: int) -> str:

@@ -20,7 +20,7 @@ def test_missing_package(monkeypatch):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("spec", ["torchvision:", "torchvision:fcos", "torchvision::a.pth"])
+@pytest.mark.parametrize("spec", ["torchvision:", "torchvision:fcos:", "torchvision::a.pth"])
 def test_incomplete(spec):
     with pytest.raises(DetectorError, match="write torchvision:NAME:FILE"):
         load_detector(spec)
