@@ -7,12 +7,8 @@ import pytest
 
 from tests import type_checks
 
-CHECKED = ("core", "scene", "world", "effects", "efr", "detect", "attack", "judge", "report")
-"""Rooms whose shapes are checked."""
-
 # Before anything of cnca is imported: beartype checks each call, jaxtyping the shapes in it.
-rooms = [f"cnca.{room}" for room in CHECKED]
-jaxtyping.install_import_hook(rooms, f"{type_checks.__name__}.check")
+jaxtyping.install_import_hook(type_checks.modules(), f"{type_checks.__name__}.check")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

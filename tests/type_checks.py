@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
 from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray
 
+PACKAGE = Path(__file__).parents[1] / "cnca"
+UNCHECKED = ("integrator.py", "panes.py")
+"""Kernels, which Dr.Jit compiles anew from their source: it would compile the check. They take no
+arrays, only Dr.Jit's own types."""
+
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def modules() -> list[str]:
+    """The modules of the package whose shapes are checked: all but the kernels."""
+    files = [file for file in PACKAGE.rglob("*.py") if file.name not in UNCHECKED]
+    paths = [file.relative_to(PACKAGE.parent).with_suffix("") for file in files]
+    return [".".join(path.parts) for path in paths if path.name != "__init__"]
 
 
 def check(function: Function) -> Function:

@@ -84,23 +84,7 @@ class RunFolder:
                 f"{self.path}: was started with another {', '.join(differing)}; "
                 "ask for the same again or choose another --out"
             )
-        for name, digest in now.inputs.items():
-            if name not in then.inputs:
-                raise RunError(
-                    f"{name}: was not there when {self.path} was started; take it away or choose "
-                    "another --out"
-                )
-            if digest != then.inputs[name]:
-                raise RunError(
-                    f"{name}: has changed since {self.path} was started; bring it back or choose "
-                    "another --out"
-                )
-        gone = [name for name in then.inputs if name not in now.inputs]
-        if gone:
-            raise RunError(
-                f"{gone[0]}: is gone, and {self.path} was started with it; bring it back or choose "
-                "another --out"
-            )
+        refuse_changed_inputs(then.inputs, now.inputs, self.path)
         return then
 
     def _refuse_another_job(self, then: Manifest) -> None:
@@ -109,6 +93,35 @@ class RunFolder:
                 f"{self.path}: holds a run of cnca {then.job}, not of cnca {self.job}; "
                 "choose another --out"
             )
+
+
+def refuse_changed_inputs(
+    then: Mapping[str, str],
+    now: Mapping[str, str],
+    run: Path,
+    *,
+    advice: str = "bring it back or choose another --out",
+) -> None:
+    """Compare the hashes of the files that a run was started from with today's.
+
+    Args:
+        run: its folder or manifest, for the message.
+        advice: what to do about a file that is gone or has changed.
+
+    Raises:
+        RunError: for the first file that was added, has changed or is gone.
+    """
+    for name, digest in now.items():
+        if name not in then:
+            raise RunError(
+                f"{name}: was not there when {run} was started; take it away or choose "
+                "another --out"
+            )
+        if digest != then[name]:
+            raise RunError(f"{name}: has changed since {run} was started; {advice}")
+    for name in then:
+        if name not in now:
+            raise RunError(f"{name}: is gone, and {run} was started with it; {advice}")
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -30,7 +30,12 @@ class PlanningRenderer(Renderer, Protocol):
         seed: int,
         demand: Demand | None = None,
     ) -> LinearImages:
-        """Return exposed linear images; None is the demand that the renderer was made with."""
+        """Return exposed linear images (views, 3, height, width), differentiable in ``albedo``.
+
+        Args:
+            albedo: linear, (3, size, size), in [0, 1].
+            demand: which effects to render how; None is what the renderer was made with.
+        """
 
     def render_pixels(
         self,

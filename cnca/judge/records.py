@@ -45,6 +45,18 @@ class SectionScores:
 
 
 @dataclass(frozen=True)
+class OutlineDistance:
+    """How far the drawn and the photographed outline lie apart, in pixels."""
+
+    median: float
+    percentile_90: float
+
+    def rounded(self) -> OutlineDistance:
+        """To hundredths of a pixel."""
+        return OutlineDistance(round(self.median, 2), round(self.percentile_90, 2))
+
+
+@dataclass(frozen=True)
 class FrameFit:
     """How well the vehicle's mesh meets a photographed frame."""
 
@@ -52,9 +64,7 @@ class FrameFit:
     used: bool
     lift: Omitted[float] = None
     """Metres."""
-    median: Omitted[float] = None
-    """Of the distances between the drawn and the photographed outline, in pixels."""
-    percentile_90: Omitted[float] = None
+    outline_pixels: Omitted[OutlineDistance] = None
     problem: Omitted[str] = None
     """Why there is no fit."""
 

@@ -105,10 +105,7 @@ class MitsubaRenderer:
         seed: int,
         demand: Demand | None = None,
     ) -> LinearImages:
-        """Exposed linear images (views, 3, height, width).
-
-        Args:
-            demand: which effects to render how; None is what the renderer was made with.
+        """As :class:`cnca.effects.protocols.PlanningRenderer` has it.
 
         Raises:
             TextureError: the texture has another shape than (3, size, size), holds NaN, or leaves

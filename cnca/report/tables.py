@@ -89,14 +89,12 @@ def headlines(results: Evidence) -> list[str]:
 
 def _frames(fits: Sequence[FrameFit]) -> str:
     """How well the vehicle's mesh meets each frame."""
-    rows = [
-        [
-            fit.frame,
-            *("–" if n is None else str(n) for n in (fit.lift, fit.median, fit.percentile_90)),
-            "yes" if fit.used else "no",
-        ]
-        for fit in fits
-    ]
+    rows = []
+    for fit in fits:
+        outline = fit.outline_pixels
+        numbers = (fit.lift, outline and outline.median, outline and outline.percentile_90)
+        cells = ["–" if number is None else str(number) for number in numbers]
+        rows.append([fit.frame, *cells, "yes" if fit.used else "no"])
     note = "Distances between the drawn and the photographed outline, in pixels.\n\n"
     return note + table(["frame", "lift (m)", "median", "90th percentile", "used"], rows)
 

@@ -13,8 +13,11 @@ from cnca.attack.settings import Settings
 from cnca.core.errors import RunError, did_you_mean
 from cnca.core.images import read_texture_srgb
 from cnca.core.manifest import Manifest, hashes
+from cnca.core.run_folder import refuse_changed_inputs
 from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.run import run
+
+ADVICE = "bring it back, and start from the folder in which that run was started"
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ def rerun(manifest: Path, out: Path, console: Console) -> Rerun:
     """
     content = Manifest.read(manifest)
     request = read_request(manifest, content, out)
-    _check_inputs(manifest, content.inputs)
+    here = [Path(name) for name in content.inputs if Path(name).is_file()]
+    refuse_changed_inputs(content.inputs, hashes(here), manifest, advice=ADVICE)
     run(request, console)
     first = manifest.with_name("texture.png")
     difference = None
@@ -68,12 +72,3 @@ def read_request(manifest: Path, content: Manifest, out: Path) -> Request:
         problem = error.errors()[0]
         where = ".".join(str(part) for part in problem["loc"])
         raise RunError(f"{manifest}: {where}: {problem['msg']}") from None
-
-
-def _check_inputs(manifest: Path, inputs: dict[str, str]) -> None:
-    gone = [name for name in inputs if not Path(name).is_file()]
-    if gone:
-        raise RunError(f"{gone[0]}: not there; start from the folder where {manifest} was made")
-    for name, now in hashes(map(Path, inputs)).items():
-        if now != inputs[name]:
-            raise RunError(f"{name}: is not the file that {manifest} was made from; bring it back")

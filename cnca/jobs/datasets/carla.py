@@ -16,10 +16,13 @@ from rich.console import Console
 
 from cnca import build
 from cnca.core.errors import RunError, SceneError
+from cnca.core.manifest import hashes
 from cnca.core.pictures import TRUTH, SrgbPicture, write_png
 from cnca.core.progress import bar
+from cnca.core.run_folder import RunFolder
 from cnca.jobs.datasets.coco import Mask
 from cnca.jobs.datasets.layout import DataSet
+from cnca.judge.records import OutlineDistance
 from cnca.scene.cameras import View
 from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
 from cnca.scene.load_scene import load_scene
@@ -33,19 +36,9 @@ class Fit:
 
     lift: float
     """Metres; see :func:`cnca.scene.carla.carla_view`."""
-    median: float
-    """Of the distances between the drawn and the photographed outline, in pixels."""
-    percentile_90: float
+    outline: OutlineDistance
     view: View
     mask: Mask
-
-
-@dataclass(frozen=True)
-class OutlineDistance:
-    """How far the drawn and the photographed outline lie apart, in pixels."""
-
-    median: float
-    percentile_90: float
 
 
 @dataclass(frozen=True)
@@ -92,13 +85,16 @@ def import_carla(
         One record for each frame.
 
     Raises:
-        RunError: there is no frame in ``folder``.
+        RunError: there is no frame in ``folder``, or ``out`` holds a data set of other frames.
         SceneError: a file is no frame.
     """
     sources = sorted(folder.glob("*.npz"))
     if not sources:
         raise RunError(f"{folder}: no .npz frames in this folder; give the one that holds them")
     scene = load_scene(scene_file)
+    request = {"folder": folder, "scene": scene_file, "fov": fov}
+    inputs = hashes([*build.scene_files(scene, scene_file), *sources])
+    RunFolder(out, "import-carla").claim(request, inputs, resume=True)
     vehicle, data = build.build_vehicle(scene), DataSet(out, scene.vehicle.label)
     records: list[FrameRecord | FrameProblem] = []
     with bar(console) as shown:
@@ -132,7 +128,7 @@ def fit_frame(vehicle: Vehicle, frame: CarlaFrame, *, fov: float, name: str) -> 
     if not fits:
         assert problem is not None
         raise problem
-    return min(fits, key=lambda fit: fit.median)
+    return min(fits, key=lambda fit: fit.outline.median)
 
 
 def draw_outline(picture: SrgbPicture, mask: Mask) -> SrgbPicture:
@@ -154,15 +150,15 @@ def _fit_from(start: float, vehicle: Vehicle, frame: CarlaFrame, fov: float, nam
     drawn = silhouette(vehicle, fitted)
     distances = outline_distances(drawn, photographed_silhouette(drawn, frame.image))
     median, high = (float(np.percentile(distances, p)) for p in (50, 90))
-    return Fit(lift, median, high, fitted, drawn.astype(float))
+    return Fit(lift, OutlineDistance(median, high), fitted, drawn.astype(float))
 
 
 def _record(source: str, frame: CarlaFrame, fit: Fit) -> FrameRecord:
     return FrameRecord(
         source=source,
-        caption=f"{fit.view.name}: {fit.median:.1f} px",
+        caption=f"{fit.view.name}: {fit.outline.median:.1f} px",
         lift=round(fit.lift, 3),
-        outline_pixels=OutlineDistance(round(fit.median, 2), round(fit.percentile_90, 2)),
+        outline_pixels=fit.outline.rounded(),
         view=fit.view,
         carla=Transforms(frame.vehicle.tolist(), frame.camera.tolist()),
     )

@@ -24,7 +24,7 @@ from cnca.core.types import Boxes, LinearImages, LinearTexture, SrgbImages
 from cnca.jobs.datasets.carla import fit_frame
 from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import Arrays, digest, recall
-from cnca.judge.records import FrameFit
+from cnca.judge.records import FrameFit, OutlineDistance
 from cnca.scene.cameras import View
 from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
 from cnca.scene.protocols import Renderer
@@ -118,7 +118,9 @@ def read_frames(
             image = torch.from_numpy(frame.image).permute(2, 0, 1)[None].contiguous()
             photographs[view] = SrgbImages(image)
     if not photographs:
-        problem = fits[0].problem or f"its outline lies {fits[0].median} pixels off"
+        first = fits[0]
+        apart = first.outline_pixels.median if first.outline_pixels else None
+        problem = first.problem or f"its outline lies {apart} pixels off"
         raise RunError(f"{folder}: the scene's vehicle meets no frame; the first: {problem}")
     shots = Shots([[view] for view in photographs], [weather] * len(photographs), seed)
     return Frames(folder.resolve().name, shots, photographs, fits)
@@ -129,8 +131,9 @@ def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path)
     key = digest(frame.image, frame.vehicle, frame.camera, fov, *meshes)
 
     def fit() -> Arrays:
-        found = fit_frame(vehicle, frame, fov=fov, name=name)
-        return {"numbers": np.array([found.lift, found.median, found.percentile_90])}
+        best = fit_frame(vehicle, frame, fov=fov, name=name)
+        outline = best.outline
+        return {"numbers": np.array([best.lift, outline.median, outline.percentile_90])}
 
     try:
         lift, median, high = recall(kept, key, fit)["numbers"].tolist()
@@ -140,6 +143,5 @@ def _fit(name: str, vehicle: Vehicle, frame: CarlaFrame, fov: float, kept: Path)
         name,
         used=median <= MOST_PIXELS,
         lift=round(lift, 4),
-        median=round(median, 2),
-        percentile_90=round(high, 2),
+        outline_pixels=OutlineDistance(median, high).rounded(),
     )

@@ -52,7 +52,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Manifest:
+class RunManifest:
     """What is read of a run's manifest."""
 
     request: Asked
@@ -80,7 +80,7 @@ def read_run(folder: Path) -> Run:
         file = folder / name
         if not file.is_file():
             raise RunError(f"{file}: not there; print-sheets takes the folder of a finished run")
-    request = read_record(Manifest, folder / "manifest.json").request
+    request = read_record(RunManifest, folder / "manifest.json").request
     scene = load_scene(request.scene)
     vehicle = build.build_vehicle(scene)
     return Run(folder, scene, vehicle, build.build_paint(scene, vehicle), request)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 
 from cnca.core.errors import RunError
 from cnca.core.files import replacing, write_text
-from cnca.core.manifest import write_json
+from cnca.core.manifest import hashes, write_json
 from cnca.core.pictures import SrgbPicture
 from cnca.core.records import as_json
-from cnca.jobs.survey.answers import KEY, STORE, Survey, read_survey
+from cnca.core.run_folder import RunFolder
+from cnca.jobs.survey.answers import KEY, STORE, Survey
 from cnca.judge.candidates import named
 from cnca.judge.gallery import digest
 from cnca.report.webpage import as_jpeg, jpeg_uri, render
@@ -27,12 +29,17 @@ MOST_PICTURES = 300
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A picture to be rated; ``name`` is that of its file."""
+class Rated:
+    """A picture to be rated, from one of the sources that are compared."""
 
     source: str
-    name: str
+    file: Path
     picture: SrgbPicture
+
+    @property
+    def name(self) -> str:
+        """Of its file: sources that are compared in equal views share their names."""
+        return self.file.name
 
     @property
     def key(self) -> str:
@@ -48,27 +55,26 @@ def build_survey(images: Sequence[str], out: Path, *, question: str | None = Non
 
     Raises:
         RunError: a picture cannot be read, fewer than two sources, or ``out`` holds the answers to
-            another survey.
+            another survey: what differs is named.
     """
     question = question or QUESTION
-    shown = [one for spec in images for one in _read(spec)]
-    sources = list(dict.fromkeys(one.source for one in shown))
+    pictures = [picture for spec in images for picture in _read(spec)]
+    sources = list(dict.fromkeys(picture.source for picture in pictures))
     if len(sources) < 2:
         raise RunError(f"--images: one source ({sources[0]}); give at least two to compare")
-    if len(shown) > MOST_PICTURES:
-        raise RunError(f"--images: {len(shown)} pictures; nobody rates over {MOST_PICTURES}")
-    keys = {one.key: one for one in shown}
+    if len(pictures) > MOST_PICTURES:
+        raise RunError(f"--images: {len(pictures)} pictures; nobody rates over {MOST_PICTURES}")
+    _claim(out, {"question": question, "images": list(images)}, pictures)
+    keys = {picture.key: picture for picture in pictures}
     survey = Survey(
         digest(question, sorted(keys))[:16],
         question,
-        {key: one.source for key, one in keys.items()},
-        {key: one.name for key, one in keys.items()},
+        {key: picture.source for key, picture in keys.items()},
+        {key: picture.name for key, picture in keys.items()},
     )
-    if (out / KEY).exists() and read_survey(out).id != survey.id and (out / STORE).exists():
-        raise RunError(f"{out}: holds answers to another survey; choose another --out")
-    for key, one in keys.items():
+    for key, picture in keys.items():
         with replacing(out / "pictures" / f"{key}.jpg") as temporary:
-            temporary.write_bytes(as_jpeg(one.picture))
+            temporary.write_bytes(as_jpeg(picture.picture))
     content = {
         "survey": survey.id,
         # By key, so that their order says nothing about their sources either.
@@ -80,20 +86,29 @@ def build_survey(images: Sequence[str], out: Path, *, question: str | None = Non
     return survey
 
 
+def _claim(out: Path, request: Mapping[str, Any], pictures: Sequence[Rated]) -> None:
+    """Say what the survey is made from; once there are answers, they keep it as it is."""
+    folder, inputs = RunFolder(out, "survey"), hashes(picture.file for picture in pictures)
+    if (out / STORE).exists():
+        folder.claim(request, inputs, resume=True)
+    else:
+        folder.renew(request, inputs)
+
+
 def uneven(survey: Survey) -> str | None:
     """The first source that lacks a file which another has: the paper shows all in equal views."""
     names: dict[str, set[str]] = {}
     for key, source in survey.sources.items():
         names.setdefault(source, set()).add(survey.names[key])
-    every = set().union(*names.values())
-    return next((source for source, own in names.items() if own != every), None)
+    all_names = set().union(*names.values())
+    return next((source for source, of_source in names.items() if of_source != all_names), None)
 
 
-def _read(spec: str) -> Iterator[Shown]:
+def _read(spec: str) -> Iterator[Rated]:
     """The pictures of one ``[NAME=]PATH``, folders and files in the order of their names."""
     name, rest = named(spec)
     path = Path(rest)
-    folders = sorted(each for each in path.iterdir() if each.is_dir()) if path.is_dir() else []
+    folders = sorted(inner for inner in path.iterdir() if inner.is_dir()) if path.is_dir() else []
     if folders and name is None:
         for folder in folders:
             yield from _source(folder.name, folder)
@@ -101,7 +116,7 @@ def _read(spec: str) -> Iterator[Shown]:
         yield from _source(name or (path.name if path.is_dir() else path.stem), path)
 
 
-def _source(source: str, path: Path) -> Iterator[Shown]:
+def _source(source: str, path: Path) -> Iterator[Rated]:
     if not re.fullmatch(r"[\w.+-]+(?: [\w.+-]+)*", source):
         raise RunError(f"--images {path}: give it a name of letters and digits: NAME={path}")
     files = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -111,7 +126,7 @@ def _source(source: str, path: Path) -> Iterator[Shown]:
             f"--images {path}: no {', '.join(ENDINGS)} there; give a picture or a folder"
         )
     for file in files:
-        yield Shown(source, file.name, _read_picture(file))
+        yield Rated(source, file, _read_picture(file))
 
 
 def _read_picture(file: Path) -> SrgbPicture:

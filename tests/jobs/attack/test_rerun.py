@@ -73,10 +73,10 @@ def test_what_differs_is_said(request_, tmp_path, monkeypatch):
     assert again.other_versions == {"torch": ("1.0", metadata.version("torch"))}
 
     request_.scene.write_text(SCENE + "# another\n")
-    with pytest.raises(RunError, match=r"scene\.yaml: is not the file that .*manifest\.json"):
+    with pytest.raises(RunError, match=r"scene\.yaml: has changed since .*manifest\.json"):
         rerun(manifest, tmp_path / "third", QUIET)
     request_.scene.unlink()
-    with pytest.raises(RunError, match=r"scene\.yaml: not there; start from the folder"):
+    with pytest.raises(RunError, match=r"scene\.yaml: is gone.*start from the folder"):
         rerun(manifest, tmp_path / "third", QUIET)
     assert len(asked) == 1
 

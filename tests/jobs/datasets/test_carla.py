@@ -77,6 +77,14 @@ def test_frames_without_the_vehicle_are_named(tmp_path, scene):
     assert isinstance(bad, FrameProblem)
 
 
+def test_frames_of_another_folder_do_not_mix_with_those_of_a_data_set(tmp_path, scene):
+    write_frame(tmp_path / "a.npz", yaw=30)
+    run(tmp_path, tmp_path / "out", scene)
+    (tmp_path / "a.npz").rename(tmp_path / "b.npz")
+    with pytest.raises(RunError, match=r"b\.npz: was not there when .*out was started"):
+        run(tmp_path, tmp_path / "out", scene)
+
+
 def test_a_folder_without_frames_is_refused(tmp_path, scene):
     with pytest.raises(RunError, match=r"no \.npz frames"):
         run(tmp_path, tmp_path / "out", scene)

@@ -88,5 +88,12 @@ def test_what_cannot_be_asked_is_refused(images, tmp_path, specs, message):
 
 def test_answers_are_not_orphaned(images, folder):
     (folder / STORE).touch()
-    with pytest.raises(RunError, match="holds answers to another survey"):
+    with pytest.raises(RunError, match=r"was started with another question \(was How natural"):
         build_survey([str(images)], folder, question="Why?")
+    cv2.imwrite(str(images / "FCA" / "front.png"), np.zeros((60, 90, 3), np.uint8))
+    with pytest.raises(RunError, match=r"FCA/front\.png: has changed since"):
+        build_survey([str(images)], folder)
+
+
+def test_without_answers_a_survey_may_be_made_anew(images, folder):
+    assert build_survey([str(images)], folder, question="Why?").question == "Why?"
