@@ -32,7 +32,7 @@ class Settings:
         str, Flag("What is moved: feature (F_adv, the paper), noise, or both.", STRENGTH)
     ] = FEATURE
     """One of :data:`VARIABLES`."""
-    steps: Annotated[int, Flag("Updates of what is moved.", STRENGTH)] = 100
+    steps: Annotated[int, Flag("Updates of what is moved; --minutes decides them.", STRENGTH)] = 100
     views_per_step: Annotated[int, Flag("Pictures per update.", STRENGTH)] = 8
     view_pool: int = 256
     """Pictures that the steps come back to, so that backends may keep what never changes."""

@@ -12,6 +12,7 @@ from cnca.cli.help import ATTACK, BEGIN
 from cnca.cli.options import Given, Scorer, takes
 from cnca.core.errors import RunError
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
+from cnca.jobs.attack.presets import BEST, PRESETS, under_preset
 from cnca.jobs.attack.request import Request
 from cnca.jobs.transfer_request import Judging
 
@@ -37,10 +38,10 @@ Preset = Annotated[
 
 
 @app.command(rich_help_panel=ATTACK)
-@takes(Request)
+@takes(Request, presets=PRESETS)
 def optimize(
     given: Given[Request],
-    preset: Preset = "best",
+    preset: Preset = BEST,
     tau: Annotated[
         str | None,
         typer.Option(
@@ -85,7 +86,7 @@ def optimize(
 
 
 @app.command(rich_help_panel=ATTACK)
-@takes(Request, without=["resume"])
+@takes(Request, without=["resume"], presets=PRESETS)
 def tradeoff(
     given: Given[Request],
     preset: Preset = "paper",
@@ -108,10 +109,10 @@ def tradeoff(
 
 
 @app.command(rich_help_panel=ATTACK)
-@takes(Request, without=["prompt", "resume"])
+@takes(Request, without=["prompt", "resume"], presets=PRESETS)
 def prompts(
     given: Given[Request],
-    preset: Preset = "best",
+    preset: Preset = BEST,
     *,
     wanted: Annotated[list[str], typer.Argument(help="Prompts to compare.", rich_help_panel=WHAT)],
     tau: Tau = None,
@@ -162,7 +163,6 @@ def demo(
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
     from cnca.attack.settings import Settings
-    from cnca.jobs.attack.presets import under_preset
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     # Views that come back soon: the first look at one in a street takes longer than the step.
@@ -197,8 +197,6 @@ def _asked(given: Given[Request], preset: str, **more: Any) -> Request:
 
     Raises RunError where both a time and a number of steps are given.
     """
-    from cnca.jobs.attack.presets import PRESETS, under_preset
-
     but = [flag for flag in (*PRESETS.get(preset, ()), "steps", "minutes") if given.said(flag)]
     if {"steps", "minutes"} <= set(but):
         raise RunError("--steps and --minutes: the one decides the other; leave one out")

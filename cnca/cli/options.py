@@ -62,13 +62,17 @@ class Given(Generic[Record]):
 
 
 def takes(
-    *records: type, without: Sequence[str] = ()
+    *records: type,
+    without: Sequence[str] = (),
+    presets: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the flags of the fields of ``records``, and ``--config``.
 
     The command's first parameters are a :class:`Given` for each record.  Its other parameters are
     flags of its own; one by the name of a field's flag stands in its place, so that the command
     hands that value to :meth:`Given.record` itself.  Fields ``without`` a flag keep their default.
+    ``presets`` (name → field → value) are what the command puts in place of defaults; the help
+    shows each preset's.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -79,7 +83,7 @@ def takes(
             [s for s in _sources(record) if s.name not in taken and s.field not in without]
             for record in records
         ]
-        shared = {source.name: source.parameter() for part in sources for source in part}
+        shared = {s.name: s.parameter(presets or {}) for part in sources for s in part}
 
         def run(context: typer.Context, **given: Any) -> None:
             del given["config"]  # its content has become the others' values
@@ -114,8 +118,7 @@ def _said(context: typer.Context, flag: str) -> bool:
 
 def _place(parameter: Parameter) -> tuple[int, bool]:
     """Where a flag stands in the help: by its panel, those that must be given first."""
-    shown = get_args(parameter.annotation)[1]
-    panel = shown.rich_help_panel
+    panel = get_args(parameter.annotation)[1].rich_help_panel
     place = PANELS.index(panel) if panel in PANELS else len(PANELS)
     return place, parameter.default is not Parameter.empty
 
@@ -144,7 +147,7 @@ class _Source:
         """What the field holds for what typer read."""
         return tuple(given) if self.repeatable and given is not None else given
 
-    def parameter(self) -> Parameter:
+    def parameter(self, presets: Mapping[str, Mapping[str, Any]]) -> Parameter:
         """What typer makes the flag of."""
         flag, default, kind = self.flag, self.default, self.type
         words: dict[str, Any] = {
@@ -157,14 +160,19 @@ class _Source:
             if default is not MISSING:
                 words["show_default"] = ", ".join(map(str, default)) or False
                 kind, default = kind | None, None
+        elif any(self.field in values for values in presets.values()):
+            words["show_default"] = ", ".join(
+                f"{name}: {_in_words(values.get(self.field, default))}"
+                for name, values in presets.items()
+            )
         if flag.positional:
-            shown: Any = typer.Argument(**words)
+            information: Any = typer.Argument(**words)
         else:
-            shown = typer.Option(*self._spellings(), **words)
+            information = typer.Option(*self._spellings(), **words)
         return Parameter(
             self.name,
             Parameter.KEYWORD_ONLY,
-            annotation=Annotated[kind, shown],
+            annotation=Annotated[kind, information],
             default=Parameter.empty if default is MISSING else default,
         )
 
@@ -173,6 +181,13 @@ class _Source:
         if self.type is bool and self.default:
             long += f"/--no{long[1:]}"
         return [f"-{self.flag.short}", long] if self.flag.short else [long]
+
+
+def _in_words(value: Any) -> str:
+    """A default for people."""
+    if value is None:
+        return "none"
+    return {True: "on", False: "off"}[value] if isinstance(value, bool) else str(value)
 
 
 def _sources(record: type) -> Iterator[_Source]:

@@ -31,6 +31,15 @@ def test_nothing_else_gives_the_strongest(asked):
     assert request.minutes == 10
 
 
+@pytest.mark.parametrize("command", ["optimize", "prompts", "tradeoff"])
+def test_the_help_shows_what_applies(command):
+    words = " ".join(CliRunner().invoke(app, [command, "--help"]).output.replace("│", "").split())
+    assert "(best: odds, paper: paper)" in words
+    assert "(best: 0.1, paper: 0.01)" in words
+    assert "(best: on, paper: off)" in words
+    assert "(best: 10.0, paper: none)" in words
+
+
 def test_flags_go_before_the_preset(asked):
     ask("--steps", "100", "--variable", "both", "--spp", "2")
     (request,) = asked
