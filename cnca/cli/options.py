@@ -20,7 +20,12 @@ Scorer = Annotated[
     Path | None,
     typer.Option(help="Of cnca train-scorer, or a CLIP folder.", rich_help_panel=WHAT),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of everything random.", rich_help_panel=WHAT)]
+MOST_SEED = 2**32 - 1
+"""Seeds that every generator of random numbers takes, those derived from them too."""
+Seed = Annotated[
+    int,
+    typer.Option(min=0, max=MOST_SEED, help="Seed of everything random.", rich_help_panel=WHAT),
+]
 Resume = Annotated[
     bool,
     typer.Option("--resume", help="Go on with an interrupted run.", rich_help_panel=OUTPUT),
@@ -155,6 +160,8 @@ class _Source:
             "metavar": flag.metavar,
             "rich_help_panel": flag.panel,
         }
+        if self.name == "seed":
+            words |= {"min": 0, "max": MOST_SEED, "metavar": flag.metavar or "INTEGER"}
         if self.repeatable:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
             if default is not MISSING:

@@ -17,7 +17,7 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
     """
     if file is not None:
         flags = {flag.name or "": flag for flag in context.command.params if flag.name != "config"}
-        given = {str(key).replace("-", "_"): value for key, value in _content(file).items()}
+        given = _flags(file)
         for key, value in given.items():
             if key not in flags:
                 hint = did_you_mean(key, flags)
@@ -28,12 +28,25 @@ def _read(context: typer.Context, file: Path | None) -> Path | None:
     return file
 
 
+def _flags(file: Path) -> dict[str, Any]:
+    """Names of flags, with underscores, and their values."""
+    given: dict[str, Any] = {}
+    for key, value in _content(file).items():
+        name = str(key).replace("-", "_")
+        if name in given:
+            raise RunError(f"{file}: {key}: stands there twice, with - and with _; keep one")
+        given[name] = value
+    return given
+
+
 def _content(file: Path) -> dict[Any, Any]:
     import yaml
 
+    from cnca.core.yaml_text import read_yaml
+
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        content = read_yaml(file, RunError)
+    except (OSError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
         raise RunError(f"{file}: cannot be read as YAML: {reason}") from None
     if not isinstance(content, dict):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.text import read_text
 
 Value = TypeVar("Value", int, float)
 
@@ -116,8 +117,8 @@ def read_config(path: Path) -> Config:
         DetectorError: the file cannot be read, or a section or key in it is unknown.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")  # editors on Windows write a mark first
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path, DetectorError)
+    except OSError as error:
         raise DetectorError(f"{path}: cannot be read as a Darknet .cfg ({error})") from error
     return parse_config(text, path)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.text import read_text
 
 COCO = (
     "person", "bicycle", "car", "motorbike", "aeroplane", "bus", "train", "truck", "boat",
@@ -56,8 +57,8 @@ def read_names(path: Path) -> list[str]:
         DetectorError: the file cannot be read.
     """
     try:
-        names = path.read_text(encoding="utf-8-sig").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
+        names = read_text(path, DetectorError).split("\n")
+    except OSError as error:
         raise DetectorError(f"{path}: names cannot be read ({error})") from error
     return [name.strip() for name in names if name.strip()]
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.yaml_text import read_yaml
 from cnca.detect.classes import CLASS_LISTS
 from cnca.detect.preprocess import Entry, Fit
 
@@ -73,10 +73,12 @@ def read_options(path: Path) -> Options:
         DetectorError: the file is no YAML mapping, or a key or value in it is wrong.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+        content = read_yaml(path, DetectorError) or {}
         options = Options.model_validate(content)
     except FileNotFoundError:
         return Options()
+    except DetectorError:
+        raise
     except ValidationError as error:
         raise DetectorError(f"{path}: {_explain(error)}") from None
     except Exception as error:  # PyYAML lets through what impossible dates and numbers raise

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from cnca.core.boxes import cxcywh_to_xyxy
 from cnca.core.errors import DetectorError, did_you_mean
+from cnca.core.text import read_text
 from cnca.core.types import Candidates, SrgbImages
 from cnca.detect.base import CandidateDetector
 from cnca.detect.preprocess import IMAGENET, PLAIN, Entry
@@ -108,7 +109,7 @@ class TransformersDetector(CandidateDetector):
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path, DetectorError))
     except (OSError, ValueError) as error:
         raise DetectorError(f"{path}: cannot be read as JSON ({error})") from error
     if not isinstance(content, dict):

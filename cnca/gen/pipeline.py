@@ -18,6 +18,9 @@ SHIPPED = Path(__file__).parents[1] / "assets" / "generator"
 """The small generator that comes with CNCA; see the model card in that folder."""
 
 ARCHITECTURE = "StableDiffusionPipeline"
+WEIGHTS = ("diffusion_pytorch_model.safetensors", "model.safetensors")
+SHARDS = ("diffusion_pytorch_model-", "model-")
+"""How the names of weights in several files begin."""
 PARTS = {
     "vae": "AutoencoderKL",
     "unet": "UNet2DConditionModel",
@@ -59,16 +62,17 @@ def load_pipeline(
     _check_device(device)
     disable_progress_bar()  # a second's work, and errors are to be one line
     options = {"use_safetensors": True, "local_files_only": True}
+    vae, unet, text = (
+        options | {"variant": _variant(folder / part)} for part in ("vae", "unet", "text_encoder")
+    )
     try:
         return Pipeline(
-            vae=AutoencoderKL.from_pretrained(folder / "vae", torch_dtype=dtype, **options).to(
-                device
-            ),
+            vae=AutoencoderKL.from_pretrained(folder / "vae", torch_dtype=dtype, **vae).to(device),
             unet=UNet2DConditionModel.from_pretrained(
-                folder / "unet", torch_dtype=dtype, **options
+                folder / "unet", torch_dtype=dtype, **unet
             ).to(device),
             text_encoder=CLIPTextModel.from_pretrained(
-                folder / "text_encoder", dtype=dtype, **options
+                folder / "text_encoder", dtype=dtype, **text
             ).to(device),
             tokenizer=CLIPTokenizer.from_pretrained(folder / "tokenizer", local_files_only=True),
             scheduler=DDIMScheduler.from_pretrained(folder / "scheduler", local_files_only=True),
@@ -79,6 +83,14 @@ def load_pipeline(
             f"{folder}: cannot load the pipeline ({reason}); copy the folder anew, "
             "with safetensors weights"
         ) from error
+
+
+def _variant(part: Path) -> str | None:
+    """What stands before ``.safetensors``, such as fp16, where there are no weights without it."""
+    names = sorted(path.name for path in part.glob("*.safetensors"))
+    if any(name in WEIGHTS or name.startswith(SHARDS) for name in names):
+        return None
+    return next((name.split(".")[1] for name in names if name.count(".") == 2), None)
 
 
 def _check_device(device: torch.device | str) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import torch
 
 from cnca.core.errors import RunError
+from cnca.core.text import read_text
 from cnca.core.types import Boxes
 from cnca.detect.classes import VEHICLES, known_name
 
@@ -80,7 +81,7 @@ def read_labels(folder: Path, labels: Path) -> list[Photo]:
 
 def _read_coco(folder: Path, file: Path) -> list[Photo]:
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_text(file, RunError))
         names = {each["id"]: str(each["name"]) for each in content["categories"]}
         photos = {}
         for image in content["images"]:
@@ -98,7 +99,7 @@ def _read_coco(folder: Path, file: Path) -> list[Photo]:
 
 def _read_voc(folder: Path, file: Path, below: Path) -> Photo:
     try:
-        root = ElementTree.parse(file).getroot()
+        root = _without_namespaces(ElementTree.parse(file).getroot())
         name = Path(_text(root, "filename"))
         inner = Path(root.findtext("folder") or "")
         places = [below / name, inner / name, name]
@@ -117,11 +118,30 @@ def _read_voc(folder: Path, file: Path, below: Path) -> Photo:
     return photo
 
 
+def _without_namespaces(root: ElementTree.Element) -> ElementTree.Element:
+    """The same with plain names of elements: ``{http://…}object`` is object."""
+    for element in root.iter():
+        if isinstance(element.tag, str):
+            element.tag = element.tag.rpartition("}")[2]
+    return root
+
+
 def _photo(folder: Path, place: Path, file: Path, size: tuple[int, int] | None) -> Photo:
-    path = folder / place
-    if not path.is_file():
+    path = _find(folder, place)
+    if path is None:
         raise RunError(f"{file}: names {place}, which is not in {folder}")
     return Photo(path, place.parts[0] if len(place.parts) > 1 else UNGROUPED, size)
+
+
+def _find(folder: Path, place: Path) -> Path | None:
+    """The picture that labels name, also by a path of another machine or in another case."""
+    named = PurePosixPath(PureWindowsPath(place).as_posix())
+    for path in (folder / place, folder / named, folder / named.name):
+        if path.is_file():
+            return path
+    below = folder / named.parent if (folder / named.parent).is_dir() else folder
+    alike = [path for path in below.iterdir() if path.name.lower() == named.name.lower()]
+    return alike[0] if len(alike) == 1 else None
 
 
 def _text(element: ElementTree.Element, path: str) -> str:

@@ -6,11 +6,11 @@ import reprlib
 from pathlib import Path
 from typing import Any, get_args
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from cnca.core.errors import SceneError, did_you_mean
-from cnca.scene.schema import CarlaCamera, OrbitCamera, Scene
+from cnca.core.yaml_text import read_yaml
+from cnca.scene.schema import CarlaCamera, OrbitCamera, Scene, VehicleSection
 from cnca.scene.shipped import scene_file
 
 
@@ -22,10 +22,12 @@ def load_scene(path: str | Path) -> Scene:
     """
     path = scene_file(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = read_yaml(path, SceneError)
+    except SceneError:
+        raise
     except FileNotFoundError:
         raise SceneError(f"{path}: no such scene file; see scenes/ for examples") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise SceneError(f"{path}: cannot be read: {_one_line(error)}") from None
     except Exception as error:  # PyYAML lets through what impossible dates and numbers raise
         raise SceneError(f"{path}: not valid YAML: {_one_line(error)}") from None
@@ -39,6 +41,14 @@ def load_scene(path: str | Path) -> Scene:
         return Scene.model_validate({**content, "base": path.parent})
     except ValidationError as error:
         raise SceneError(f"{path}: {_explain(error)}") from None
+
+
+def vehicle_section(content: dict[str, Any]) -> VehicleSection:
+    """The keys of a scene's vehicle; raises SceneError where one of them or its value is wrong."""
+    try:
+        return Scene.model_validate({"vehicle": content}).vehicle
+    except ValidationError as error:
+        raise SceneError(_explain(error)) from None
 
 
 def _one_line(error: Exception) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, StringConstraints
+from PIL import ImageColor
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
 from cnca.scene.weather import MOST_ASYMMETRY
 
@@ -15,8 +16,21 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _as_color(value: object) -> object:
+    """The three numbers that a name or hexadecimal digits stand for; all else as it is."""
+    if value is not None and not isinstance(value, str):
+        return value
+    try:
+        return tuple(channel / 255 for channel in ImageColor.getrgb(value or "")[:3])
+    except ValueError:
+        raise ValueError(
+            'a color is [red, green, blue] from 0 to 1, a name such as red, or "#ff0000" in quotes'
+        ) from None
+
+
 Unit = Annotated[float, Field(ge=0, le=1)]
-Color = tuple[Unit, Unit, Unit]
+Color = Annotated[tuple[Unit, Unit, Unit], BeforeValidator(_as_color)]
+"""sRGB: three numbers in [0, 1], ``"#ff0000"`` or a name of CSS such as red."""
 Altitude = Annotated[float, Field(ge=-90, le=90)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
 Azimuth = Annotated[float, Field(ge=-360, le=720)]

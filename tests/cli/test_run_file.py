@@ -103,3 +103,9 @@ def test_a_missing_file_and_a_wrong_value_are_named(asked, write):
     assert wrong.exit_code == 2
     assert "--seed" in wrong.output
     assert not asked
+
+
+def test_a_flag_in_two_spellings_is_refused(asked, write):
+    answer = _cnca("--config", write(FILE + "views_per_step: 2\n"))
+    assert isinstance(answer.exception, RunError)
+    assert "views_per_step: stands there twice" in str(answer.exception)

@@ -1,5 +1,7 @@
 """The generator in cnca/assets: what it can do, and what its model card says that it cannot."""
 
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -121,3 +123,14 @@ def test_a_few_steps_along_the_gradient_brighten_one_half_only():
 
     values = climb(contrast, 5)
     assert values[-1] > values[0] + 0.1
+
+
+def test_a_folder_of_the_fp16_variant_is_read(tmp_path):
+    """Diffusers' names of such weights; the texture is that of the folder without."""
+    folder = tmp_path / "fp16"
+    shutil.copytree(SHIPPED, folder)
+    for file in folder.rglob("*model.safetensors"):
+        file.rename(file.with_name(file.name.replace(".safetensors", ".fp16.safetensors")))
+    loaded, shipped = (load_pipeline(path) for path in (folder, SHIPPED))
+    for one, other in zip(loaded.unet.parameters(), shipped.unet.parameters(), strict=True):
+        assert torch.equal(one, other)

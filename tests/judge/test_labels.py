@@ -113,3 +113,19 @@ def test_missing_files_and_folders(photos, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match="no .xml in this folder"):
         read_labels(photos, tmp_path / "empty")
+
+
+@pytest.mark.parametrize("name", [r"C:\photos\b.png", "/home/x/b.png", "B.PNG", "./b.png"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_names_and_encodings_as_people_have_them(photos, tmp_path, name, encoding):
+    content = {**COCO, "images": [COCO["images"][0], {"id": 3, "file_name": name}]}
+    (tmp_path / "a.json").write_bytes(json.dumps(content).encode(encoding))
+    assert read_labels(photos, tmp_path / "a.json")[1].path.samefile(photos / "b.png")
+
+
+def test_voc_in_a_namespace(photos, tmp_path):
+    text = VOC.format(folder="", name="b.png").replace(
+        "<annotation>", '<annotation xmlns="http://a">'
+    )
+    (tmp_path / "b.xml").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert read_labels(photos, tmp_path / "b.xml")[0].objects["car"] == [[1, 2, 11, 22]]

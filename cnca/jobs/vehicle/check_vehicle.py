@@ -15,18 +15,19 @@ import yaml
 
 from cnca import build
 from cnca.core.color import linear_to_srgb, srgb_to_linear
-from cnca.core.errors import MeshError
+from cnca.core.errors import MeshError, SceneError
 from cnca.core.files import write_text
 from cnca.core.manifest import write_json
 from cnca.core.pictures import SrgbPicture, as_pictures, side_by_side, write_png
 from cnca.core.records import as_json
 from cnca.core.types import LinearImages, SrgbTexture
+from cnca.core.yaml_text import read_yaml
 from cnca.jobs.vehicle.reorder_uv import SQUARE, checkerboard
 from cnca.scene.cameras import orbit_view
-from cnca.scene.load_scene import load_scene
+from cnca.scene.load_scene import load_scene, vehicle_section
 from cnca.scene.schema import Scene, VehicleSection
 from cnca.scene.shipped import scene_file
-from cnca.vehicle.mesh.checkup import check, mended
+from cnca.vehicle.mesh.checkup import SCENE_ENDINGS, check, mended
 from cnca.vehicle.mesh.finding import Finding
 from cnca.vehicle.mesh.load_mesh import BUILTIN
 from cnca.vehicle.mesh.pieces import read_pieces, sound
@@ -39,7 +40,6 @@ SHOWN, TEXELS = 448, 1024
 SAMPLES = 32
 GREY, DOUBLED, EMPTY = 0.7, (0.9, 0.1, 0.1), (0.1, 0.1, 0.1)
 EXAMPLE = "builtin:sedan_clear"
-SCENE_ENDINGS = (".yaml", ".yml")
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ def check_vehicle(mesh: str, out: Path | None, **given: object) -> Checkup:
     Args:
         mesh: what to look at.
         out: folder for ``vehicle.json``, ``vehicle.png`` and ``scene.yaml``, a scene with the
-            vehicle as mended, and else as the given or the shipped one; None writes nothing.
+            vehicle as mended, and else as the given or the shipped one; after an unwrap also for
+            ``layout.png``, the new layout to draw a mask on.  None writes nothing.
         given: keys of the scene's vehicle section that stand above the scene's, such as ``up``.
 
     Raises:
@@ -80,8 +81,8 @@ def check_vehicle(mesh: str, out: Path | None, **given: object) -> Checkup:
         if mesh.endswith(SCENE_ENDINGS)
         else Scene(vehicle=VehicleSection(mesh=mesh))
     )
-    section = VehicleSection.model_validate(scene.vehicle.model_dump(exclude_unset=True) | given)
-    findings = check(section, scene.base)
+    section = vehicle_section(scene.vehicle.model_dump(exclude_unset=True) | given)
+    findings = check(section, scene.base, mesh)
     proposed = mended(section, findings)
     keys = proposed.model_dump(exclude_unset=True, exclude_defaults=True)
     report = Checkup(
@@ -93,6 +94,8 @@ def check_vehicle(mesh: str, out: Path | None, **given: object) -> Checkup:
     if out is not None:
         write_png(out / "vehicle.png", _sheet(section, proposed, scene.base, findings))
         write_json(out / "vehicle.json", report.content())
+        if proposed.unwrap:
+            _write_layout(out / "layout.png", proposed, scene.base)
         _write_scene(out, mesh if mesh.endswith(SCENE_ENDINGS) else EXAMPLE, report.vehicle)
     return report
 
@@ -108,9 +111,10 @@ def _write_scene(out: Path, example: str, vehicle: Mapping[str, object]) -> None
         for key, path in paths.items()
         if not path.startswith(BUILTIN)
     }
-    scene = yaml.safe_load(file.read_text(encoding="utf-8"))
+    scene = read_yaml(file, SceneError)
     scene["vehicle"] = {**vehicle, **moved}
-    write_text(out / "scene.yaml", yaml.safe_dump(scene, sort_keys=False, default_flow_style=None))
+    text = yaml.safe_dump(scene, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    write_text(out / "scene.yaml", text)
 
 
 def _sheet(
@@ -125,6 +129,20 @@ def _sheet(
     as_proposed = " (as mended)" if any(finding.keys for finding in findings) else ""
     pictures += _views(vehicle)
     return side_by_side(pictures, [*captions, "shape" + as_proposed, "checker" + as_proposed])
+
+
+def _write_layout(path: Path, proposed: VehicleSection, base: Path) -> None:
+    """The new UVs as white triangles with dark edges on black."""
+    try:
+        corners = Skin.of(build.build_vehicle(Scene(vehicle=proposed, base=base))).corners
+    except MeshError:
+        return
+    sheet = np.zeros((TEXELS, TEXELS, 3), np.uint8)
+    fixed = np.rint((corners * (TEXELS, -TEXELS) + (-0.5, TEXELS - 0.5)) * 16).astype(np.int32)
+    for triangle in fixed:
+        cv2.fillConvexPoly(sheet, triangle, (255, 255, 255), shift=4)
+    cv2.polylines(sheet, list(fixed), isClosed=True, color=(120, 120, 120), shift=4)
+    write_png(path, sheet)
 
 
 def _charts(section: VehicleSection, base: Path) -> SrgbPicture:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
+import yaml
 from jaxtyping import Bool
 
 from cnca import build
@@ -22,9 +22,10 @@ from cnca.core.records import as_json
 from cnca.core.types import SrgbTexture
 from cnca.jobs.vehicle.source import Source
 from cnca.scene.cameras import orbit_view
+from cnca.scene.load_scene import load_scene, vehicle_section
 from cnca.scene.paint import Paint
 from cnca.scene.schema import Scene
-from cnca.vehicle.mesh.load_mesh import resolve_vehicle
+from cnca.vehicle.mesh.checkup import SCENE_ENDINGS
 from cnca.vehicle.mesh.write_mesh import write_obj
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.layout import Layout, measure
@@ -69,17 +70,19 @@ def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32
         raise RunError(f"--size {size}: textures have at least 64 texels per side")
     if out.suffix.lower() != ".obj":
         raise MeshError(f"{out}: vehicles are written as OBJ; end the name with .obj")
-    vehicle, was = _load(source)
+    scene = _scene(source)
+    given = scene.vehicle
+    mask = read_mask(scene.base / given.paint_mask) if given.paint_mask else None
+    vehicle, was = _load(scene)
     old = Skin.of(vehicle)
-    mask = read_mask(source.paint_mask) if source.paint_mask else None
     result = reorder(vehicle, None if mask is None else shown_in(mask, old.corners))
     new = Skin.of(result.vehicle)
     section = {"mesh": out.name, "up": "z"}
     textures = {}
     if mask is not None:
         textures["paint_mask"] = np.repeat(_float(mask)[..., None], 3, axis=2)
-    if source.base_texture:
-        textures["base_texture"] = read_texture_srgb(source.base_texture)
+    if given.base_texture:
+        textures["base_texture"] = read_texture_srgb(scene.base / given.base_texture)
     for key, texture in textures.items():
         path = out.with_name(f"{out.stem}_{'mask' if key == 'paint_mask' else 'base'}.png")
         write_texture_srgb(path, rebake(texture, old.corners, new.corners, size).clip(0, 1))
@@ -96,20 +99,49 @@ def reorder_uv(source: Source, out: Path, *, size: int = 2048, samples: int = 32
     return report
 
 
-def _load(source: Source) -> tuple[Vehicle, str]:
-    """The vehicle with its own layout where it has a usable one, else with xatlas' own."""
-    read = partial(
-        resolve_vehicle, source.mesh, up=source.up, front=source.front, scale=source.scale
-    )
+def _scene(source: Source) -> Scene:
+    """A scene with the vehicle; raises MeshError for materials that are no mapping."""
+    if Path(source.mesh).suffix in SCENE_ENDINGS:
+        return load_scene(source.mesh)
     try:
-        vehicle = read()
+        materials = yaml.safe_load(source.materials) if source.materials else {}
+    except yaml.YAMLError:
+        materials = None
+    if not isinstance(materials, dict):
+        raise MeshError(f"materials '{source.materials}': write them as '{{NAME: paint}}'")
+    named = {"paint_mask": source.paint_mask, "base_texture": source.base_texture}
+    section = vehicle_section(
+        {
+            "mesh": source.mesh,
+            "up": source.up,
+            "front": source.front,
+            "scale": source.scale,
+            "materials": {str(name): str(kind) for name, kind in materials.items()},
+            **{key: str(path) for key, path in named.items() if path},
+        }
+    )
+    return Scene(vehicle=section)
+
+
+def _load(scene: Scene) -> tuple[Vehicle, str]:
+    """The vehicle with its own layout where it has a usable one, else with xatlas' own.
+
+    Where pictures are drawn on the file's own layout, no other one will do.
+    """
+    section = scene.vehicle
+    drawn = bool(section.paint_mask or section.base_texture)
+    anew = Scene(vehicle=section.model_copy(update={"unwrap": True}), base=scene.base)
+    try:
+        vehicle = build.build_vehicle(scene)
     except MeshError as error:
-        if "texture coordinates" not in str(error):
+        if "texture coordinates" not in str(error) or drawn:
             raise
-        return read(unwrap=True), "xatlas (file: no usable UVs)"
+        return build.build_vehicle(anew), "xatlas (file: no usable UVs)"
     skin = Skin.of(vehicle)
+    if drawn or section.unwrap:
+        return vehicle, "xatlas" if section.unwrap else "the file's own"
     if measure(skin, np.ones(len(skin.faces), bool)).overlap > OVERLAPPING:
-        return read(unwrap=True), "xatlas (file: UVs overlap)"
+        return build.build_vehicle(anew), "xatlas (file: UVs overlap)"
     return vehicle, "the file's own"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 from cnca.core.errors import MeshError
 from cnca.core.images import read_mask
 from cnca.scene.schema import VehicleSection
-from cnca.vehicle.mesh.finding import Finding, Severity, listed
+from cnca.vehicle.mesh.finding import Finding, Severity, as_yaml, listed
 from cnca.vehicle.mesh.load_mesh import BUILTIN, resolve_vehicle
 from cnca.vehicle.mesh.makeup import check_materials
 from cnca.vehicle.mesh.pieces import OURS, Piece, as_made_of, read_pieces, sound, turned
@@ -23,11 +24,14 @@ WORTH_A_WORD = 0.01
 """Share of what is seen, or of the texture, below which nothing is said."""
 SPREAD = 4.0
 """Texels per metre, 95th over 5th percentile: one part is that much blurrier than another."""
+SCENE_ENDINGS = (".yaml", ".yml")
 RECALCULATE = "recalculate normals outside in the modelling program"
 
 
-def check(section: VehicleSection, base: Path) -> list[Finding]:
+def check(section: VehicleSection, base: Path, source: str = "") -> list[Finding]:
     """Everything that there is to say about a scene's vehicle, the worst first.
+
+    ``source`` is the file that was given, as commands that are proposed name it.
 
     Raises MeshError where the file cannot be read at all, TextureError where its mask cannot.
     """
@@ -45,7 +49,7 @@ def check(section: VehicleSection, base: Path) -> list[Finding]:
         findings += check_materials(ours, section, sight, base)
         section = mended(section, findings)
         ours = ours if section.mesh.startswith(BUILTIN) else as_made_of(ours, section)
-        findings += [*_texture(ours, section, base, sight), *_outside(ours, sight)]
+        findings += [*_texture(ours, section, base, sight, source), *_outside(ours, sight)]
     if not any(finding.severity == "fault" for finding in findings):
         findings += _reading(section, base)
     order = ("fault", "warning", "note")
@@ -77,34 +81,40 @@ def _triangles(pieces: Sequence[Piece]) -> Iterator[Finding]:
 
 
 def _texture(
-    pieces: Sequence[Piece], section: VehicleSection, base: Path, sight: Sight
+    pieces: Sequence[Piece], section: VehicleSection, base: Path, sight: Sight, source: str
 ) -> Iterator[Finding]:
     if not any(piece.kind == "paint" for piece in pieces):
         return
+    drawn = [key for key in ("paint_mask", "base_texture") if getattr(section, key)]
     if section.unwrap:
-        yield Finding("note", "UVs", "made anew (vehicle.unwrap); the file's are not used")
+        number = "made anew (vehicle.unwrap); the file's are not used"
+        its = f"; {' and '.join(drawn)} must be drawn on the new layout" if drawn else ""
+        yield Finding("note", "UVs", number + its)
         return
     mask = read_mask(base / section.paint_mask) if section.paint_mask else None
-    use, unwrap = measure_uvs(pieces, sight, mask), {"unwrap": True}
+    use = measure_uvs(pieces, sight, mask)
+    command = reorder_command(section, base, source)
+    # New UVs would leave behind what is drawn on the file's own: reorder-uv carries it over.
+    unwrap = {} if drawn else {"unwrap": True}
+    lost = f"export UVs in [0, 1], which {' and '.join(drawn)} are drawn on" if drawn else ""
     if use.missing:
-        yield Finding("fault", "UVs", f"{listed(use.missing)} have none", keys=unwrap)
+        yield Finding("fault", "UVs", f"{listed(use.missing)} have none", lost, unwrap)
     if use.outside:
         number = f"{listed(use.outside)} leave [0, 1]: they span {use.span}"
-        yield Finding("fault", "UVs", number, "or pack them into [0, 1]", unwrap)
+        yield Finding("fault", "UVs", number, lost or "or pack them into [0, 1]", unwrap)
     if use.pointlike > WORTH_A_WORD:
         number = f"{use.pointlike:.1%} of the paint lies on points or lines of the texture"
         severity: Severity = "fault" if use.pointlike > 0.5 else "warning"
-        yield Finding(severity, "UVs", number, keys=unwrap)
-    reorder = _reorder(section, base)
+        yield Finding(severity, "UVs", number, lost, unwrap)
     if use.overlap > WORTH_A_WORD:
         number = f"{use.overlap:.1%} of the texture in use is used more than once"
-        yield Finding("warning", "UVs overlap", number, f"or {reorder}", unwrap)
+        yield Finding("warning", "UVs overlap", number, f"or {command}", unwrap)
     if use.mirrored > WORTH_A_WORD:
         number = f"{use.mirrored:.1%} of the paint shows the texture mirrored"
-        yield Finding("warning", "UVs mirrored", number, reorder)
+        yield Finding("warning", "UVs mirrored", number, command)
     if use.spread > SPREAD:
         number = f"{use.spread:.3g} times more texels per metre in one place than in another"
-        yield Finding("warning", "UVs uneven", number, reorder)
+        yield Finding("warning", "UVs uneven", number, command)
     number = (
         f"overlap {use.overlap:.1%}, mirrored {use.mirrored:.1%}, texels per metre, "
         f"95th over 5th percentile: {use.spread:.3g}"
@@ -112,14 +122,21 @@ def _texture(
     yield Finding("note", "UVs", number)
 
 
-def _reorder(section: VehicleSection, base: Path) -> str:
-    """The command that lays out the vehicle's UVs anew."""
-    given = section.model_dump(include={"up", "front", "scale"}, exclude_defaults=True)
-    textures = {"paint-mask": section.paint_mask, "base-texture": section.base_texture}
-    given |= {key: base / path for key, path in textures.items() if path}
-    flags = "".join(f" --{key} {value}" for key, value in given.items())
-    mesh = section.mesh if section.mesh.startswith(BUILTIN) else base / section.mesh
-    return f"cnca reorder-uv {mesh} -o OUT.obj" + ("" if mesh == section.mesh else flags)
+def reorder_command(section: VehicleSection, base: Path, source: str) -> str:
+    """The command that lays out the vehicle's UVs anew.
+
+    ``source`` is the scene file that the section stands in, or its mesh, which needs the keys.
+    """
+    if Path(source).suffix in SCENE_ENDINGS:
+        return shlex.join(["cnca", "reorder-uv", source, "-o", "OUT.obj"])
+    words = ["cnca", "reorder-uv", source or str(base / section.mesh), "-o", "OUT.obj"]
+    if not section.mesh.startswith(BUILTIN):
+        given = section.model_dump(include={"up", "front", "scale"}, exclude_defaults=True)
+        textures = {"paint-mask": section.paint_mask, "base-texture": section.base_texture}
+        given |= {key: base / path for key, path in textures.items() if path}
+        given |= {"materials": as_yaml(section.materials)} if section.materials else {}
+        words += [word for key, value in given.items() for word in (f"--{key}", str(value))]
+    return shlex.join(words)
 
 
 def _outside(pieces: Sequence[Piece], sight: Sight) -> Iterator[Finding]:

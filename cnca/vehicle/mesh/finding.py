@@ -6,6 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import yaml
+
 Severity = Literal["fault", "warning", "note"]
 """A fault stops an attack or makes its numbers meaningless; a warning makes it weaker or ugly."""
 
@@ -30,10 +32,14 @@ class Finding:
 
 
 def as_yaml(value: object) -> str:
-    """A value or mapping on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {as_yaml(part)}" for key, part in value.items()) + "}"
-    return str(value).lower() if isinstance(value, bool) else str(value)
+    """A value or mapping on one line, as a scene file may have it."""
+    return (
+        yaml.safe_dump(
+            value, default_flow_style=True, allow_unicode=True, sort_keys=False, width=1_000_000
+        )
+        .removesuffix("\n")
+        .removesuffix("\n...")
+    )
 
 
 def listed(names: Collection[str]) -> str:

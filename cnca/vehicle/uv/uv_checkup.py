@@ -66,7 +66,7 @@ def measure_uvs(
     pointlike = np.abs(signed) / 2 < NO_AREA
     density = density[~pointlike]
     low, high = np.percentile(density, [5, 95]) if len(density) else (1.0, 1.0)
-    corners = skin.corners
+    corners = skin.corners if mask is None else skin.corners[shown_in(mask, skin.corners)]
     area = float(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])).sum() / 2)
     beyond = [p for p in painted if _has_uvs(p) and _leaves_unit_square(p)]
     return UvUse(
