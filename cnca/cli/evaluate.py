@@ -32,7 +32,7 @@ def evaluate(
     labels: Annotated[
         Path | None,
         typer.Option(
-            help="Their COCO .json, or VOC .xml or a folder of these.", rich_help_panel=WHAT
+            help="Their COCO .json, or a folder of VOC .xml or YOLO .txt.", rich_help_panel=WHAT
         ),
     ] = None,
     no_controls: Annotated[
@@ -102,7 +102,7 @@ def _judge_views(request: EvaluationRequest) -> None:
     """Evaluate textures with progress, then say what each reaches."""
     from cnca.cli import show
     from cnca.core import parallel
-    from cnca.report.tables import headlines, protocol_rows
+    from cnca.report.tables import blind, headlines, protocol_rows
 
     with parallel.joined():
         results = _evaluated(request)
@@ -112,6 +112,8 @@ def _judge_views(request: EvaluationRequest) -> None:
             show.evidence(results)
         for sentence in headlines(results):
             show.line(sentence)
+        for warning in blind(results):
+            show.messages().print(warning, soft_wrap=True, markup=False, highlight=False)
         show.ending({"tables and pictures": request.out / "results.md"}, ["report", request.out])
 
 

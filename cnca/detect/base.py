@@ -21,6 +21,8 @@ class CandidateDetector(ABC):
     differentiable: bool
     why_black: str = ""
     """Why a detector that might have a gradient has none."""
+    note: str = ""
+    """What was assumed when it was loaded, for the user to know."""
 
     @abstractmethod
     def candidates(self, images: SrgbImages) -> Candidates:

@@ -14,11 +14,13 @@ from torch.nn.functional import pad
 from cnca.core.errors import DetectorError
 from cnca.core.types import Candidates, SrgbImages
 from cnca.detect.base import CandidateDetector
+from cnca.detect.conventions import settled
 from cnca.detect.graph.check import NoGradientError, white_box
 from cnca.detect.graph.network import OnnxNetwork
 from cnca.detect.onnx_decode import Unknown
 from cnca.detect.onnx_heads import heads, read_model
-from cnca.detect.onnx_layouts import Layout, find_layout
+from cnca.detect.onnx_layout import Layout, Outputs
+from cnca.detect.onnx_layouts import find_layout
 from cnca.detect.onnx_options import Options, read_options
 from cnca.detect.onnx_runtime import Pictures, Runtime
 
@@ -41,7 +43,10 @@ class OnnxDetector(CandidateDetector):
         self.name = name or path.stem
         self.options = read_options(path.with_suffix(".yaml"))
         own = read_model(path)
-        self.runtime, self.layout, model = self._open(own)
+        self.runtime, usual, model = self._open(own)
+        self.layout, self.note = settled(
+            usual, self.options, self.runtime.size, self._answer, self._find
+        )
         self.entry = self.options.entry(self.layout.entry)
         self.class_names = tuple(self.layout.class_names)
         self.network: OnnxNetwork | None = None
@@ -50,6 +55,14 @@ class OnnxDetector(CandidateDetector):
         except NoGradientError as error:
             self.why_black = str(error)
         self.differentiable = self.network is not None
+
+    def _find(self, outputs: Outputs, options: Options) -> Layout:
+        names = options.names() or _names_inside(self.runtime)
+        return find_layout(outputs, self.runtime.size, names, options)
+
+    def _answer(self, picture: Tensor) -> Outputs:
+        """What the network makes of one picture; the rest of a fixed batch is zeros."""
+        return self.runtime.run(pad(picture, (0, 0, 0, 0, 0, 0, 0, self.runtime.batch - 1)))
 
     def _open(self, own: onnx.ModelProto | None) -> tuple[Runtime, Layout, onnx.ModelProto | None]:
         """The first head with a known layout, and the graph that ends there."""

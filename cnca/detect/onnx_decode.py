@@ -70,10 +70,12 @@ def corners_in_pixels(
     boxes: Boxes, size: Size, say: Options, *, xyxy: bool, parts: bool = False
 ) -> Boxes:
     """xyxy in pixels of the input; what the user says of notation and unit wins."""
+    if say.boxes == "yxyx":
+        boxes = boxes[..., [1, 0, 3, 2]]
     if (say.units or ("picture" if parts else "pixels")) == "picture":
         boxes = boxes * boxes.new_tensor((size[1], size[0]) * 2)
-    is_xyxy = xyxy if say.boxes is None else say.boxes == "xyxy"
-    return boxes if is_xyxy else cxcywh_to_xyxy(boxes)
+    notation = say.boxes or ("xyxy" if xyxy else "cxcywh")
+    return boxes if notation in ("xyxy", "yxyx") else cxcywh_to_xyxy(boxes)
 
 
 def classes_of(width: int, names: Sequence[str] | None) -> tuple[Sequence[str], bool]:

@@ -10,7 +10,7 @@ import torch
 
 from cnca.detect.graph.suppression import before, ending_at, suppressing
 from cnca.detect.onnx_decode import cells_of_strides
-from cnca.detect.onnx_layouts import ANCHORS_PER_CELL, STRIDES
+from cnca.detect.onnx_layout import ANCHORS_PER_CELL, STRIDES
 from cnca.detect.onnx_options import Options
 from cnca.detect.onnx_runtime import Runtime
 

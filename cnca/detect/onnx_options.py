@@ -17,7 +17,7 @@ from cnca.detect.preprocess import Entry, Fit
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Pixels = Annotated[int, Field(gt=0)]
-Layout = Literal["detections", "rows", "detr", "yolo", "yolox", "distribution"]
+Layout = Literal["detections", "rows", "detr", "grid", "yolo", "yolox", "distribution"]
 
 
 class Options(BaseModel):
@@ -51,7 +51,7 @@ class Options(BaseModel):
     """Where a cell's reference point lies: 0 at its corner, 0.5 in its middle."""
     activation: Literal["none", "sigmoid", "softmax"] | None = None
     """What is still to be applied to the scores."""
-    boxes: Literal["cxcywh", "xyxy"] | None = None
+    boxes: Literal["cxcywh", "xyxy", "yxyx"] | None = None
     """Notation of the boxes."""
     units: Literal["pixels", "picture"] | None = None
     """Unit of the boxes: pixels of the input, or its whole width and height."""

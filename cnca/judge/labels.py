@@ -1,58 +1,27 @@
-"""Labelled photographs: COCO's JSON and Pascal VOC's XML."""
+"""Labelled photographs: COCO's JSON, Pascal VOC's XML and YOLO's text files."""
 
 from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any
-
-import torch
 
 from cnca.core.errors import RunError
 from cnca.core.text import read_text
-from cnca.core.types import Boxes
-from cnca.detect.classes import VEHICLES, known_name
-
-UNGROUPED = "photos"
-
-
-@dataclass
-class Photo:
-    """A photograph and the vehicles in it."""
-
-    path: Path
-    group: str
-    """The folder right below that of all photographs, or :data:`UNGROUPED`."""
-    size: tuple[int, int] | None = None
-    """Width and height in pixels as the labels have it, if they do."""
-    objects: dict[str, list[list[float]]] = field(default_factory=dict)
-    """One of ``cnca.detect.classes.VEHICLES`` → boxes, xyxy in pixels from the picture's corner."""
-    ignored: list[list[float]] = field(default_factory=list)
-    """Boxes of crowds and of vehicles marked as difficult: neither hit nor miss nor false alarm."""
-
-    def boxes(self, classes: tuple[str, ...]) -> Boxes:
-        """All objects of these classes, (objects, 4)."""
-        found = [box for name in classes for box in self.objects.get(name, [])]
-        return torch.tensor(found, dtype=torch.float32).reshape(-1, 4)
-
-    def add(self, name: str, box: list[float], *, ignore: bool) -> None:
-        """Take a labelled object; other things than vehicles are left out."""
-        name = known_name(name)
-        if name in VEHICLES and ignore:
-            self.ignored.append(box)
-        elif name in VEHICLES:
-            self.objects.setdefault(name, []).append(box)
+from cnca.detect.classes import VEHICLES
+from cnca.judge.photo import Photo, photo_at
+from cnca.judge.yolo_labels import class_names, read_yolo
 
 
-def read_labels(folder: Path, labels: Path) -> list[Photo]:
+def read_labels(folder: Path, labels: Path, names: str | None = None) -> list[Photo]:
     """Read the labels of the photographs in ``folder``.
 
-    ``labels`` is a COCO ``.json``, a VOC ``.xml`` or a folder of these (searched through; each
-    picture lies beside the same folder below ``folder``, or where the file's own ``folder`` and
-    ``filename`` say).  VOC counts pixels from 1 and includes the last: its boxes are widened to
-    the pixels' borders.
+    ``labels`` is a COCO ``.json``, a VOC ``.xml``, or a folder of these or of YOLO's ``.txt``,
+    whose classes are called as ``names`` says (:mod:`cnca.judge.yolo_labels`).  It is searched
+    through; each picture lies beside the same folder below ``folder``, or where a VOC file's own
+    ``folder`` and ``filename`` say.  VOC counts pixels from 1 and includes the last: its boxes are
+    widened to the pixels' borders.
 
     Raises:
         RunError: a file is missing or malformed, or nothing in it is a vehicle.
@@ -61,9 +30,10 @@ def read_labels(folder: Path, labels: Path) -> list[Photo]:
         raise RunError(f"--photos {folder}: no such folder")
     if labels.is_dir():
         files = sorted(labels.rglob("*.xml"))
-        if not files:
-            raise RunError(f"--labels {labels}: no .xml in this folder")
         photos = [_read_voc(folder, file, file.parent.relative_to(labels)) for file in files]
+        photos = photos or read_yolo(folder, labels, class_names(names, labels))
+        if not photos:
+            raise RunError(f"--labels {labels}: no .xml and no .txt in this folder")
     elif not labels.is_file():
         raise RunError(f"--labels {labels}: no such file")
     elif labels.suffix.lower() == ".json":
@@ -72,7 +42,8 @@ def read_labels(folder: Path, labels: Path) -> list[Photo]:
         photos = [_read_voc(folder, labels, Path())]
     else:
         raise RunError(
-            f"--labels {labels}: give COCO .json, or Pascal VOC .xml or a folder of them"
+            f"--labels {labels}: give COCO .json, Pascal VOC .xml or a folder of these, or a "
+            "folder of YOLO's .txt"
         )
     if not any(photo.objects for photo in photos):
         raise RunError(f"--labels {labels}: no object is labelled {', '.join(VEHICLES)}")
@@ -86,7 +57,7 @@ def _read_coco(folder: Path, file: Path) -> list[Photo]:
         photos = {}
         for image in content["images"]:
             size = (image["width"], image["height"]) if "width" in image else None
-            photos[image["id"]] = _photo(folder, Path(image["file_name"]), file, size)
+            photos[image["id"]] = photo_at(folder, Path(image["file_name"]), file, size)
         for each in content["annotations"]:
             left, top, width, height = (float(value) for value in each["bbox"])
             box = [left, top, left + width, top + height]
@@ -107,7 +78,7 @@ def _read_voc(folder: Path, file: Path, below: Path) -> Photo:
         size = None
         if root.find("size") is not None:
             size = int(_text(root, "size/width")), int(_text(root, "size/height"))
-        photo = _photo(folder, place, file, size)
+        photo = photo_at(folder, place, file, size)
         for each in root.iterfind("object"):
             corners = [float(_text(each, f"bndbox/{k}")) for k in ("xmin", "ymin", "xmax", "ymax")]
             box = [corners[0] - 1, corners[1] - 1, corners[2], corners[3]]
@@ -124,24 +95,6 @@ def _without_namespaces(root: ElementTree.Element) -> ElementTree.Element:
         if isinstance(element.tag, str):
             element.tag = element.tag.rpartition("}")[2]
     return root
-
-
-def _photo(folder: Path, place: Path, file: Path, size: tuple[int, int] | None) -> Photo:
-    path = _find(folder, place)
-    if path is None:
-        raise RunError(f"{file}: names {place}, which is not in {folder}")
-    return Photo(path, place.parts[0] if len(place.parts) > 1 else UNGROUPED, size)
-
-
-def _find(folder: Path, place: Path) -> Path | None:
-    """The picture that labels name, also by a path of another machine or in another case."""
-    named = PurePosixPath(PureWindowsPath(place).as_posix())
-    for path in (folder / place, folder / named, folder / named.name):
-        if path.is_file():
-            return path
-    below = folder / named.parent if (folder / named.parent).is_dir() else folder
-    alike = [path for path in below.iterdir() if path.name.lower() == named.name.lower()]
-    return alike[0] if len(alike) == 1 else None
 
 
 def _text(element: ElementTree.Element, path: str) -> str:

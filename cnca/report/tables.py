@@ -9,7 +9,11 @@ from cnca.core.files import replacing
 from cnca.detect.classes import counted
 from cnca.judge import protocol_names
 from cnca.judge.records import Estimate, Evidence, FrameFit, Scores
+from cnca.judge.rows import NORMAL
 from cnca.judge.verdict import LEAST_VIEWS, MEASURES, TOO_FEW, TOTAL
+
+LEAST_AP = 0.05
+"""Below it a detector counts as one that does not find the vehicle."""
 
 
 def cell(number: Estimate, *, digits: int = 3) -> str:
@@ -33,6 +37,7 @@ def write_markdown(path: Path, results: Evidence, pictures: Sequence[str]) -> No
         "# Evaluation\n",
         f"{results.views} views; scenes: {', '.join(results.scenes)}. In brackets: "
         f"{results.interval}. {_meaning(results)}\n",
+        *(f"**{warning}**\n" for warning in blind(results)),
     ]
     for column, title in column_titles(results.label).items():
         parts += [
@@ -85,6 +90,23 @@ def headlines(results: Evidence) -> list[str]:
             sentence += f"; not lower than {_listed(others)}"
         sentences.append(sentence + ".")
     return sentences
+
+
+def blind(results: Evidence) -> list[str]:
+    """A warning for each detector that finds next to nothing in plain paint, with likely causes."""
+    plain = results.all.get(NORMAL, {})
+    warnings = []
+    for detector in results.detectors:
+        found = plain[detector][results.label]["AP_voc"].value if detector in plain else None
+        if found is not None and found < LEAST_AP:
+            warnings.append(
+                f"warning: {detector} finds no {results.label} in plain paint (AP@0.5 {found:.2f}):"
+                " its numbers say nothing about textures. Likely: its classes are numbered"
+                " otherwise, its boxes are in another order or unit, its input wants other colors"
+                " (classes, boxes, units, channels, white in the .yaml beside an .onnx); or the"
+                " vehicle is too small or unlike what it was trained on."
+            )
+    return warnings
 
 
 def _frames(fits: Sequence[FrameFit]) -> str:

@@ -104,6 +104,17 @@ class TestYolox(DetectorContract):
         assert_finds_car(detector, street)
 
 
+class TestFastestDet(DetectorContract):
+    @pytest.fixture
+    def detector(self, detectors):
+        return load_detector(str(detectors / "fastestdet.onnx"))
+
+    def test_finds_the_car(self, detector, street):
+        found = detector.detect(street)[0]
+        cars = found.of(detector.class_names.index("car"))
+        assert (cars.boxes[0] - CAR_IN_STREET).abs().max() < 75
+
+
 def assert_finds_car(detector, street):
     best = detector.detect(street)[0]
     assert detector.class_names[int(best.labels[0])] == "car"

@@ -170,7 +170,51 @@ def picodet():
     return arrays
 
 
+def yolov8_seg():
+    """32 weights of masks behind the scores, and the masks' pictures."""
+    rows = yolov8()["output0"]
+    rows = np.concatenate([rows, np.full((1, 32, rows.shape[2]), 3, np.float32)], axis=1)
+    return {"output0": rows, "output1": np.zeros((1, 32, 16, 24), np.float32)}
+
+
+def fastestdet():
+    """Cell (2, 1) of 6 × 4: centre 2.5 of 6 and 25/16 of 4 cells, size σ(0) and σ of 30/64."""
+    grid = np.full((1, 85, 4, 6), 1e-6, np.float32)
+    box = [math.atanh(0.5), math.atanh(9 / 16), logit(40 / 96), logit(30 / 64)]
+    grid[0, 1:5, 1, 2] = box
+    grid[0, 0, 1, 2], grid[0, 5 + CAR, 1, 2] = 0.9, 0.9
+    return {"758": grid}
+
+
+def yolo_fastest_v2():
+    """Second anchor of the coarse level, stride 16: centre (2.5, 1.5625) cells, (2σ)² anchors."""
+    scale = np.array([96, 64]) / 352
+    fine = np.full((1, 8, 12, 95), 0.001, np.float32)
+    coarse = np.full((1, 4, 6, 95), 0.001, np.float32)
+    anchor = np.array([131.57, 214.55]) * scale
+    sizes = np.sqrt(np.array([40, 30]) / anchor) / 2
+    coarse[0, 1, 2, 4:8] = [0.5, (9 / 16 + 0.5) / 2, *sizes]
+    coarse[0, 1, 2, 12 + 1], coarse[0, 1, 2, 15 + CAR] = 0.96, 0.9375
+    return {"794": fine, "796": coarse}
+
+
+def tensorflow():
+    """TF's object detection API: (y, x), parts of the picture, labels by COCO's numbers."""
+    box = [[[10 / 64, 20 / 96, 40 / 64, 60 / 96], [0, 0, 0.1, 0.1]]]
+    return {
+        "detection_boxes": np.array(box, np.float32),
+        "detection_classes": np.array([[3, 8]], np.float32),
+        "detection_scores": np.array([[0.9, 0.4]], np.float32),
+        "num_detections": np.array([2], np.float32),
+    }
+
+
 LAYOUTS = {
+    "yolov8 seg": (yolov8_seg, [20, 10, 60, 40]),
+    "fastestdet": (fastestdet, [20, 10, 60, 40]),
+    # centre 2 · 0.5 − 0.5 + 2 = 2.5 and 1.5625 cells of 16
+    "yolo-fastest v2": (yolo_fastest_v2, [20, 10, 60, 40]),
+    "tensorflow": (tensorflow, [20, 10, 60, 40]),
     "mmdetection": (detections_arrays, [20, 10, 60, 40]),
     "rt-detr": (labels_boxes_scores, [20, 10, 60, 40]),
     "ultralytics rows": (ultralytics_rows, [20, 10, 60, 40]),

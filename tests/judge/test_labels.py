@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from PIL import Image
 
 from cnca.core.errors import RunError
 from cnca.judge.labels import read_labels
@@ -111,7 +112,7 @@ def test_missing_files_and_folders(photos, tmp_path):
     with pytest.raises(RunError, match="--labels .*: no such file"):
         read_labels(photos, tmp_path / "l.json")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RunError, match="no .xml in this folder"):
+    with pytest.raises(RunError, match="no .xml and no .txt in this folder"):
         read_labels(photos, tmp_path / "empty")
 
 
@@ -129,3 +130,50 @@ def test_voc_in_a_namespace(photos, tmp_path):
     )
     (tmp_path / "b.xml").write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert read_labels(photos, tmp_path / "b.xml")[0].objects["car"] == [[1, 2, 11, 22]]
+
+
+class TestYolo:
+    """Class, centre and size; the picture's own size is what they are parts of."""
+
+    @pytest.fixture
+    def pictures(self, tmp_path):
+        for name in ("a.png", "night/b.jpg"):
+            path = tmp_path / "photos" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            Image.new("RGB", (40, 30)).save(path)
+        return tmp_path / "photos"
+
+    def test_boxes(self, pictures, tmp_path):
+        write(tmp_path / "labels" / "a.txt", "2 0.5 0.5 0.25 0.2\n0 0.1 0.1 0.1 0.1\n")
+        write(tmp_path / "labels" / "night" / "b.txt", "\n")
+        first, second = read_labels(pictures, tmp_path / "labels")
+        assert first.boxes(("car",)).tolist() == [[15, 12, 25, 18]]
+        assert first.objects.keys() == {"car"}
+        assert (first.size, second.group, second.objects) == ((40, 30), "night", {})
+
+    @pytest.mark.parametrize("beside", [False, True])
+    def test_names(self, pictures, tmp_path, beside):
+        """A class that does not tell vehicles apart counts as cars."""
+        write(tmp_path / "labels" / "a.txt", "0 0.5 0.5 0.5 0.5\n1 0.5 0.5 0.1 0.1\n")
+        if beside:
+            write(tmp_path / "labels" / "classes.txt", "vehicle\nbike\n")
+        (photo,) = read_labels(pictures, tmp_path / "labels", None if beside else "vehicle, bike")
+        assert photo.objects == {"car": [[10, 7.5, 30, 22.5]]}
+
+    @pytest.mark.parametrize(
+        ("line", "message"),
+        [
+            ("car 1 2 3 4", r"a\.txt, line 1: 'car 1 2 3 4' is not class, centre and size"),
+            ("2 0.5 0.5", "is not class, centre and size"),
+            ("80 0.5 0.5 0.1 0.1", "class 80 has no name, there are 80; say --label-names"),
+        ],
+    )
+    def test_wrong_lines(self, pictures, tmp_path, line, message):
+        write(tmp_path / "labels" / "a.txt", line)
+        with pytest.raises(RunError, match=message):
+            read_labels(pictures, tmp_path / "labels")
+
+    def test_no_picture(self, pictures, tmp_path):
+        write(tmp_path / "labels" / "c.txt", "2 0.5 0.5 0.25 0.2")
+        with pytest.raises(RunError, match=r"c\.txt: no picture c\.jpg or \.png"):
+            read_labels(pictures, tmp_path / "labels")

@@ -33,7 +33,8 @@ from cnca.judge.bootstrap import Sampled, mean, resample
 from cnca.judge.candidates import named
 from cnca.judge.evaluate import look
 from cnca.judge.gallery import digest, kept_detections
-from cnca.judge.labels import Photo, read_labels
+from cnca.judge.labels import read_labels
+from cnca.judge.photo import Photo
 from cnca.judge.records import Comparison, PhotoEvidence
 from cnca.judge.scores import rank
 from cnca.judge.stage import Eye
@@ -52,7 +53,7 @@ def evaluate_photos(request: PhotoRequest, console: Console) -> PhotoEvidence:
         RunError: photographs or labels cannot be used.
         DetectorError: a detector cannot be used.
     """
-    photos = read_labels(request.photos, request.labels)
+    photos = read_labels(request.photos, request.labels, request.label_names)
     eyes = build_eyes(request.detectors)
     parallel.by_first(lambda: _write_manifest(request, photos))
     own: list[dict[str, list[Detections]]] = []

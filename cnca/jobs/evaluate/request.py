@@ -92,8 +92,12 @@ class PhotoRequest:
     """Labelled photographs on which detectors are judged."""
 
     photos: Annotated[Path, Flag("Folder of photographs, one row for each folder in it.", WHAT)]
-    labels: Annotated[Path, Flag("Their COCO .json, or VOC .xml or a folder of these.", WHAT)]
+    labels: Annotated[Path, Flag("Their COCO .json, or a folder of VOC .xml or YOLO .txt.", WHAT)]
     out: Annotated[Path, OUT]
     detectors: Annotated[tuple[str, ...], DETECTORS] = ("builtin",)
+    label_names: Annotated[
+        str | None,
+        Flag("Classes of .txt labels: coco, voc, a file of names, or names with commas.", WHAT),
+    ] = None
     seed: Annotated[int, SEED] = 0
     paper_figures: Annotated[bool, PAPER_FIGURES] = False

@@ -17,7 +17,7 @@ from cnca.jobs.evaluate.photos import (
     read_photo,
 )
 from cnca.jobs.evaluate.request import PhotoRequest
-from cnca.judge.labels import Photo
+from cnca.judge.photo import Photo
 from cnca.judge.verdict import Seen
 from tests.fakes import BOX, BrightnessDetector
 from tests.judge.test_scores_pycocotools import draw, pycocotools_precisions
