@@ -335,8 +335,8 @@ def input_files(
     """
     files = [file for name in detectors for file in detector_files(name)]
     files += [efr_file(efr)] if efr else []
-    own = [plugin_file(part) for part in parts if is_plugin(part)]
-    files += [file for file in own if file]
+    plugins = [plugin_file(part) for part in parts if is_plugin(part)]
+    files += [file for file in plugins if file]
     return [*scene_files(scene, scene_file), *generator_files(generator), *files]
 
 

@@ -50,9 +50,9 @@ class Attack:
         self, albedo: LinearTexture, views: Sequence[View], weather: Weather, seed: int
     ) -> LinearImages:
         """The images that the detector sees, corrected by the residual where there is one."""
-        each = parallel.calls(views, seed)
+        calls = parallel.calls(views, seed)
         return LinearImages(
-            torch.cat([self._draw(albedo, some, weather, own) for some, own in each])
+            torch.cat([self._draw(albedo, part, weather, part_seed) for part, part_seed in calls])
         )
 
     def _draw(

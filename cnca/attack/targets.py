@@ -58,7 +58,8 @@ def look(objective: Objective, targets: Sequence[Target], images: SrgbImages, bo
 
 def refuse_non_finite(targets: Sequence[Target], seen: Seen, where: str) -> None:
     """Raise NonFiniteError, which names the detectors, where a loss is NaN or infinite."""
-    wrong = [t.name for t, own in zip(targets, seen.T, strict=True) if not own.isfinite().all()]
+    finite = seen.isfinite().all(dim=0).tolist()
+    wrong = [target.name for target, fine in zip(targets, finite, strict=True) if not fine]
     if wrong:
         raise NonFiniteError(
             f"{where}: the loss of detector {', '.join(wrong)} is not finite; "

@@ -43,8 +43,8 @@ def _user_message(error: Exception) -> str | None:
     pydantic = sys.modules.get("pydantic")  # who has not imported it cannot have raised its error
     if pydantic is not None and isinstance(error, pydantic.ValidationError):
         places = (
-            f"{'.'.join(map(str, one['loc']))}: {one['msg']}, got {one['input']!r}"
-            for one in error.errors()
+            f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}, got {problem['input']!r}"
+            for problem in error.errors()
         )
         return f"{error.title}: " + "; ".join(places)
     return None

@@ -15,8 +15,8 @@ class CncaError(Exception):
 
     def __init__(self, message: str) -> None:
         """What a message quotes of a file may hold anything: only what can be printed stays."""
-        shown = (c if c.isprintable() else repr(c)[1:-1] for c in " ".join(message.split()))
-        super().__init__("".join(shown))
+        printable = (c if c.isprintable() else repr(c)[1:-1] for c in " ".join(message.split()))
+        super().__init__("".join(printable))
 
 
 class SceneError(CncaError):

@@ -132,8 +132,8 @@ def _license(folder: Path) -> str:
     """What the model's card says in its first lines."""
     card = folder / "README.md"
     text = card.read_text(encoding="utf-8", errors="replace") if card.is_file() else ""
-    found = re.search(r"^license:\s*(\S.*)$", text, re.MULTILINE)
-    return found[1].strip() if found else "not stated, see its page"
+    line = re.search(r"^license:\s*(\S.*)$", text, re.MULTILINE)
+    return line[1].strip() if line else "not stated, see its page"
 
 
 def _say(text: str) -> None:

@@ -107,10 +107,10 @@ def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
     """
     if pieces == 1 or count() < pieces:
         return work(slice(None))
-    own = rank() % pieces
-    alike = len(range(own, count(), pieces))
-    part = work(slice(own, own + 1)) / alike  # as many processes add the same piece
-    before, after = (part.new_zeros(k, *part.shape[1:]) for k in (own, pieces - own - 1))
+    piece = rank() % pieces
+    alike = len(range(piece, count(), pieces))
+    part = work(slice(piece, piece + 1)) / alike  # as many processes add the same piece
+    before, after = (part.new_zeros(k, *part.shape[1:]) for k in (piece, pieces - piece - 1))
     return _Sum.apply(torch.cat([before, part, after]))
 
 
@@ -138,7 +138,7 @@ def by_first(work: Callable[[], Result]) -> Result:
 def _keep_to_own_cores() -> None:
     """Or the renderers of all processes would start as many threads as there are cores, each."""
     cores = sorted(os.sched_getaffinity(0))
-    own = cores[int(os.environ["LOCAL_RANK"]) :: int(os.environ["LOCAL_WORLD_SIZE"])]
-    if own:
-        os.sched_setaffinity(0, own)
-        torch.set_num_threads(len(own))
+    mine = cores[int(os.environ["LOCAL_RANK"]) :: int(os.environ["LOCAL_WORLD_SIZE"])]
+    if mine:
+        os.sched_setaffinity(0, mine)
+        torch.set_num_threads(len(mine))

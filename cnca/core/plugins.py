@@ -64,10 +64,10 @@ def plugin_file(spec: str) -> Path | None:
     """The file that the module of ``spec`` is imported from, where it has one."""
     with _current_folder():
         try:
-            found = find_spec(spec.partition(":")[0])
+            module = find_spec(spec.partition(":")[0])
         except (ImportError, ValueError):
             return None
-    return Path(found.origin) if found and found.has_location and found.origin else None
+    return Path(module.origin) if module and module.has_location and module.origin else None
 
 
 @contextmanager

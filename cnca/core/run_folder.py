@@ -126,16 +126,16 @@ def refuse_changed_inputs(
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:
     """``key (was A, now B)`` of everything in which two requests differ, sections gone into."""
-    found = []
+    lines = []
     for key in dict.fromkeys([*now, *then]):
         before, after = then.get(key), now.get(key)
         if before == after and (key in then) == (key in now):
             continue
         if isinstance(before, dict) and isinstance(after, dict):
-            found += differences(before, after, f"{prefix}{key}.")
+            lines += differences(before, after, f"{prefix}{key}.")
         else:
-            found.append(f"{prefix}{key} (was {_short(before)}, now {_short(after)})")
-    return found
+            lines.append(f"{prefix}{key} (was {_short(before)}, now {_short(after)})")
+    return lines
 
 
 def _short(value: object) -> str:

@@ -87,5 +87,5 @@ class SkyEffect(Effect):
         weather = subject.weather
         if weather.sky_map is None:
             return f"Hosek–Wilkie, turbidity {weather.turbidity:g}"
-        found = f"{Path(weather.sky_map.file).name}, contrast {contrast(weather):.1f}"
-        return f"{found}: {'its lights are sampled' if model == 'map_mis' else 'smooth enough'}"
+        map_name = f"{Path(weather.sky_map.file).name}, contrast {contrast(weather):.1f}"
+        return f"{map_name}: {'its lights are sampled' if model == 'map_mis' else 'smooth enough'}"

@@ -79,17 +79,18 @@ class _Corrected(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, images: Tensor, corrections: Sequence[Correction]) -> Tensor:
         corrected, ctx.slopes = images.clone(), []
-        for own, image, one in zip(corrected.split(1), images.split(1), corrections, strict=True):
-            part = torch.addcmul(one.offset, one.gain, image[one.part])
-            own[one.part] = part.clamp(min=0)
-            ctx.slopes.append((one.part, one.gain * (part >= 0)))
+        pictures = zip(corrected.split(1), images.split(1), corrections, strict=True)
+        for picture, image, correction in pictures:
+            part = torch.addcmul(correction.offset, correction.gain, image[correction.part])
+            picture[correction.part] = part.clamp(min=0)
+            ctx.slopes.append((correction.part, correction.gain * (part >= 0)))
         return corrected
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
         gradient = gradients[0].clone()
-        for own, (part, slope) in zip(gradient.split(1), ctx.slopes, strict=True):
-            own[part] *= slope
+        for picture, (part, slope) in zip(gradient.split(1), ctx.slopes, strict=True):
+            picture[part] *= slope
         return gradient, None
 
 

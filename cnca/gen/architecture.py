@@ -69,12 +69,12 @@ def with_position_channels(vae: AutoencoderKL) -> AutoencoderKL:
     )
     for name, weights in wider.state_dict().items():
         weights.zero_()
-        own = vae.state_dict()[name]
+        narrow = vae.state_dict()[name]
         # Mean and log-variance of the encoder lie one after the other along the first axis.
         halves = 2 if name.startswith(("encoder.conv_out", "quant_conv")) else 1
-        rows = weights.unflatten(0, (halves, -1))[:, : len(own) // halves]
-        rows = rows if own.ndim == 1 else rows[:, :, : own.shape[1]]
-        rows.copy_(own.unflatten(0, (halves, -1)))
+        rows = weights.unflatten(0, (halves, -1))[:, : len(narrow) // halves]
+        rows = rows if narrow.ndim == 1 else rows[:, :, : narrow.shape[1]]
+        rows.copy_(narrow.unflatten(0, (halves, -1)))
     return wider
 
 

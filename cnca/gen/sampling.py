@@ -161,7 +161,7 @@ class DiffusionTextureGenerator:
         condition = self._condition(text_feature, adversarial_feature)
         condition = condition.to(self._pipeline.unet.device)
         timesteps = self._pipeline.scheduler.timesteps
-        first, each = self._noises(noises, generator, len(timesteps))
+        first, rest = self._noises(noises, generator, len(timesteps))
         latents = self._pipeline.scheduler.init_noise_sigma * first.to(condition)
         first_with_gradient = len(timesteps) - self._gradient_steps
         step = partial(self._ddim_step, together=together)
@@ -170,7 +170,7 @@ class DiffusionTextureGenerator:
         for i, t in enumerate(timesteps):
             with torch.set_grad_enabled(torch.is_grad_enabled() and i >= first_with_gradient):
                 by = shift(i, latents) if self._repeats > 1 else (0, 0)
-                noise = each[i]
+                noise = rest[i]
                 noise = None if noise is None else rolled(noise, by)
                 latents = rolled_back(step(rolled(latents, by), t, condition, noise), by)
         return latents
@@ -189,8 +189,8 @@ class DiffusionTextureGenerator:
                 f"noises have shape {tuple(noises.shape)}, this generator takes {self.noise_shape}"
             )
         check_finite(noises, "the noises have")
-        first, *each = standardized(noises).split(1)
-        return first, [one.to(self._pipeline.unet.device) for one in each]
+        first, *rest = standardized(noises).split(1)
+        return first, [noise.to(self._pipeline.unet.device) for noise in rest]
 
     def _condition(
         self, text_feature: TextFeature, adversarial_feature: Tensor | None

@@ -65,7 +65,7 @@ class Report:
 
     def lines(self) -> list[str]:
         """The report for people."""
-        found = [f"{name} {version or 'MISSING'}" for name, version in self.packages.items()]
+        packages = [f"{name} {version or 'MISSING'}" for name, version in self.packages.items()]
         llvms = [f"{lib.path}: {lib.refusal or f'LLVM {lib.major}, usable'}" for lib in self.llvms]
         render = self.render
         verdict = f"FAILED: {render.failure}"
@@ -73,7 +73,7 @@ class Report:
             verdict = f"works ({render.variant}, mean radiance {render.mean:.3f})"
         return [
             f"cnca {self.version}, Python {self.python}, {self.platform}",
-            "packages: " + ", ".join(found),
+            "packages: " + ", ".join(packages),
             f"GPU: {self.gpu or 'none that torch can use'}",
             *(f"LLVM: {line}" for line in llvms or ["none found"]),
             f"test render: {verdict}",

@@ -90,7 +90,7 @@ def harden(request: HardeningRequest, console: Console, *, resume: bool = False)
     build_eyes([request.detector], scene.vehicle.label)
     cast = make_cast(scene, candidates)
     inputs = [*build.scene_files(scene, scene_file), *detector_files(request.detector)]
-    inputs += [each.picture for each in candidates]
+    inputs += [candidate.picture for candidate in candidates]
     asked = {key: value for key, value in asdict(request).items() if key != "out"}
     RunFolder(request.out, "harden").claim(asked, hashes(inputs), resume=resume)
     pictures = request.out / "pictures"

@@ -72,16 +72,16 @@ def render_scene(request: RenderRequest) -> list[RenderRecord]:
     renderer = build.build_renderer(scene, vehicle, demand=demand)
     inputs = hashes([*build.scene_files(scene, request.scene), *([texture] if texture else [])])
     records = []
-    for each in views:
-        path = out.with_name(f"{out.stem}_{each.name}{out.suffix}") if request.all_views else out
-        left, top, right, bottom = renderer.vehicle_boxes([each])[0].tolist()
-        images, first = _timed(renderer, painted, each, scene, seed)
-        _write(path, images, renderer, each)
-        _, steady = _timed(renderer, painted, each, scene, seed)  # after the user has the picture
-        plan = renderer.plan(painted, [each], scene.weather())
+    for view in views:
+        path = out.with_name(f"{out.stem}_{view.name}{out.suffix}") if request.all_views else out
+        left, top, right, bottom = renderer.vehicle_boxes([view])[0].tolist()
+        images, first = _timed(renderer, painted, view, scene, seed)
+        _write(path, images, renderer, view)
+        _, steady = _timed(renderer, painted, view, scene, seed)  # after the user has the picture
+        plan = renderer.plan(painted, [view], scene.weather())
         record = RenderRecord(
             picture=path.name,
-            view=each,
+            view=view,
             seed=seed,
             samples=plan.samples,
             plan=explain(plan),

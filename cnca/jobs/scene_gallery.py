@@ -48,14 +48,14 @@ def entries(folder: Path | None) -> list[Entry]:
     files = sorted((folder or shipped.FOLDER).glob("*.yaml"))
     if not files:
         raise RunError(f"{folder or shipped.FOLDER}: no scene files (.yaml) in it")
-    found = []
+    listed = []
     for file in files:
         name = str(file) if folder else shipped.PREFIX + file.stem
         try:
-            found.append(Entry(name, load_scene(file)))
+            listed.append(Entry(name, load_scene(file)))
         except CncaError as error:
-            found.append(Entry(name, None, str(error)))
-    return found
+            listed.append(Entry(name, None, str(error)))
+    return listed
 
 
 def write_sheet(listed: list[Entry], out: Path, console: Console) -> dict[str, str]:

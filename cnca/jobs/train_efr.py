@@ -75,9 +75,9 @@ class Studio:
         truth = LookupRenderer(self._kept, shading)
         renders, truths = (
             LinearImages(
-                torch.cat([each.render(albedo, [view], weather, seed=seed) for albedo in albedos])
+                torch.cat([renderer.render(a, [view], weather, seed=seed) for a in albedos])
             )
-            for each in (self._loop, truth)
+            for renderer in (self._loop, truth)
         )
         return self._cut_out(view, weather, renders, truths, seed=seed)
 

@@ -90,7 +90,7 @@ def transfer(request: Request, judging: Judging, console: Console) -> Transfer:
     succeeded = [attacked for attacked in attacks if attacked.problem is None]
     if not succeeded:
         raise RunError(f"{request.out}: no attack succeeded; the first: {attacks[0].problem}")
-    folders = [f"{one.name}={_folder(request, one)}" for one in succeeded]
+    folders = [f"{a.name}={_folder(request, a)}" for a in succeeded]
     evidence = evaluate_scenes(
         EvaluationRequest(
             out=request.out / "views",
@@ -126,14 +126,14 @@ def _folder(request: Request, attacked: Attacked) -> Path:
 
 def _attack(request: Request, attacked: Attacked, console: Console) -> Attacked:
     """Run one attack to its end; an attack that fails gets its reason."""
-    own = replace(
+    own_request = replace(
         request,
         detectors=(f"{attacked.detector}=1",),  # a weight: the name may end in a number
         settings=replace(request.settings, seed=attacked.seed),
         out=_folder(request, attacked),
     )
     try:
-        finished(own, attacked.name, console)
+        finished(own_request, attacked.name, console)
     except CncaError as error:
         console.print(f"{attacked.name}: {error}", soft_wrap=True)
         return replace(attacked, problem=str(error))
@@ -161,15 +161,15 @@ def square_rows(results: Transfer) -> tuple[list[str], list[list[str]]]:
 
     A star marks the judge that was attacked.
     """
-    judges, known = with_total(results.judges), {one.name: one for one in results.attacks}
+    judges, known = with_total(results.judges), {a.name: a for a in results.attacks}
     rows = []
-    for one in results.attacks:
-        if one.problem is not None:
-            rows.append([one.name, *["failed"] * len(judges)])
+    for attacked in results.attacks:
+        if attacked.problem is not None:
+            rows.append([attacked.name, *["failed"] * len(judges)])
     for row in sorted(results.rows, key=lambda name: name not in known):
-        own = known[row].judge if row in known else None
+        attacked_judge = known[row].judge if row in known else None
         cells = [
-            cell(results.AP_voc[row][judge], digits=2) + (" *" if judge == own else "")
+            cell(results.AP_voc[row][judge], digits=2) + (" *" if judge == attacked_judge else "")
             for judge in judges
         ]
         rows.append([row, *cells])
@@ -178,7 +178,7 @@ def square_rows(results: Transfer) -> tuple[list[str], list[list[str]]]:
 
 def markdown(results: Transfer) -> str:
     """The square, and why attacks failed."""
-    failures = [f"- {one.name}: {one.problem}\n" for one in results.attacks if one.problem]
+    failures = [f"- {a.name}: {a.problem}\n" for a in results.attacks if a.problem]
     return (
         "# Transfer\n\n"
         f"AP@0.5 of the vehicle (VOC, area) before each detector, over {results.views} views; "

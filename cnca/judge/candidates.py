@@ -59,8 +59,8 @@ class Candidate:
     @property
     def prompt_picture(self) -> Path | None:
         """The texture of the same prompt with F_adv = 0, where a run's folder has one."""
-        found = self.path / "texture_prompt.png"
-        return found if found.is_file() else None
+        picture = self.path / "texture_prompt.png"
+        return picture if picture.is_file() else None
 
 
 def named(spec: str) -> tuple[str | None, str]:
@@ -74,7 +74,7 @@ def parse_candidates(specs: Sequence[str]) -> list[Candidate]:
 
     Raises TextureError for a name that is taken, reserved or hard to write.
     """
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     for spec in specs:
         given, rest = named(spec)
         match = re.fullmatch(r"(.+)@(\d*\.?\d+)m", rest)
@@ -82,10 +82,10 @@ def parse_candidates(specs: Sequence[str]) -> list[Candidate]:
         name = given if given is not None else Path(path).stem
         if not re.fullmatch(r"[\w.+-]+", name):
             raise TextureError(f"--texture {spec}: give it a name of letters and digits: NAME=PATH")
-        if name in RESERVED or name in [each.name for each in found]:
+        if name in RESERVED or name in [candidate.name for candidate in candidates]:
             raise TextureError(f"--texture {spec}: the name '{name}' is taken; write NAME=PATH")
-        found.append(Candidate(name, Path(path), side))
-    return found
+        candidates.append(Candidate(name, Path(path), side))
+    return candidates
 
 
 def read_candidate(candidate: Candidate, vehicle: Vehicle, size: int) -> SrgbTexture:

@@ -89,7 +89,7 @@ def evaluate(
 
 
 def _judge(target: Target, images: SrgbImages, boxes: Boxes) -> Result:
-    found, label = look(target.detector, images), target.label
-    scores = [detection_score(d, box, label) for d, box in zip(found, boxes, strict=True)]
+    detections, label = look(target.detector, images), target.label
+    scores = [detection_score(d, box, label) for d, box in zip(detections, boxes, strict=True)]
     truths = [box[None] for box in boxes]
-    return Result(images, boxes, found, scores, average_precision(found, truths, label))
+    return Result(images, boxes, detections, scores, average_precision(detections, truths, label))

@@ -93,12 +93,12 @@ def kept_detections(path: Path, key: str, look: Callable[[], list[Detections]]) 
     """The detections of several images."""
 
     def make() -> Arrays:
-        found = look()
+        detections = look()
         return {
-            "counts": np.array([len(each.scores) for each in found], np.int64),
-            "boxes": torch.cat([each.boxes for each in found]).float().cpu().numpy(),
-            "scores": torch.cat([each.scores for each in found]).float().cpu().numpy(),
-            "labels": torch.cat([each.labels for each in found]).long().cpu().numpy(),
+            "counts": np.array([len(image.scores) for image in detections], np.int64),
+            "boxes": torch.cat([image.boxes for image in detections]).float().cpu().numpy(),
+            "scores": torch.cat([image.scores for image in detections]).float().cpu().numpy(),
+            "labels": torch.cat([image.labels for image in detections]).long().cpu().numpy(),
         }
 
     arrays = recall(path, key, make)

@@ -53,16 +53,16 @@ def read_labels(folder: Path, labels: Path, names: str | None = None) -> list[Ph
 def _read_coco(folder: Path, file: Path) -> list[Photo]:
     try:
         content = json.loads(read_text(file, RunError))
-        names = {each["id"]: str(each["name"]) for each in content["categories"]}
+        names = {kind["id"]: str(kind["name"]) for kind in content["categories"]}
         photos = {}
         for image in content["images"]:
             size = (image["width"], image["height"]) if "width" in image else None
             photos[image["id"]] = photo_at(folder, Path(image["file_name"]), file, size)
-        for each in content["annotations"]:
-            left, top, width, height = (float(value) for value in each["bbox"])
+        for annotation in content["annotations"]:
+            left, top, width, height = (float(value) for value in annotation["bbox"])
             box = [left, top, left + width, top + height]
-            crowd = bool(each.get("iscrowd", 0))
-            photos[each["image_id"]].add(names[each["category_id"]], box, ignore=crowd)
+            crowd = bool(annotation.get("iscrowd", 0))
+            photos[annotation["image_id"]].add(names[annotation["category_id"]], box, ignore=crowd)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise _malformed(file, error, "COCO's images, annotations and categories") from None
     return list(photos.values())
@@ -79,11 +79,11 @@ def _read_voc(folder: Path, file: Path, below: Path) -> Photo:
         if root.find("size") is not None:
             size = int(_text(root, "size/width")), int(_text(root, "size/height"))
         photo = photo_at(folder, place, file, size)
-        for each in root.iterfind("object"):
-            corners = [float(_text(each, f"bndbox/{k}")) for k in ("xmin", "ymin", "xmax", "ymax")]
+        for thing in root.iterfind("object"):
+            corners = [float(_text(thing, f"bndbox/{k}")) for k in ("xmin", "ymin", "xmax", "ymax")]
             box = [corners[0] - 1, corners[1] - 1, corners[2], corners[3]]
-            difficult = (each.findtext("difficult") or "0").strip() == "1"
-            photo.add(_text(each, "name"), box, ignore=difficult)
+            difficult = (thing.findtext("difficult") or "0").strip() == "1"
+            photo.add(_text(thing, "name"), box, ignore=difficult)
     except (OSError, ValueError, ElementTree.ParseError) as error:
         raise _malformed(file, error, "Pascal VOC's annotation") from None
     return photo

@@ -51,9 +51,9 @@ def detection_score(
     return float(of_class.scores[hit].max()) if bool(hit.any()) else 0.0
 
 
-def best_scores(found: Sequence[Detections], boxes: Boxes) -> Float[Tensor, " views"]:
+def best_scores(detections: Sequence[Detections], boxes: Boxes) -> Float[Tensor, " views"]:
     """The :func:`detection_score` of class 0 in each view, whose vehicle is at its box."""
-    scores = [detection_score(each, box, 0) for each, box in zip(found, boxes, strict=True)]
+    scores = [detection_score(image, box, 0) for image, box in zip(detections, boxes, strict=True)]
     return torch.tensor(scores, dtype=torch.float64)
 
 
@@ -139,8 +139,8 @@ def rank(
     """
     scores, hits, images = [torch.zeros(0)], [torch.zeros(0, dtype=torch.bool)], []
     regions = ignored if ignored is not None else [boxes[:0] for boxes in truths]
-    for found, boxes, left_out in zip(detections, truths, regions, strict=True):
-        of_class = found.of(label)
+    for reported, boxes, left_out in zip(detections, truths, regions, strict=True):
+        of_class = reported.of(label)
         order = torch.argsort(of_class.scores, descending=True, stable=True)
         if kind == "coco":
             order = order[:MOST_DETECTIONS]

@@ -61,14 +61,14 @@ def sections(table: Sequence[dict[str, float]], axis: str) -> list[Section]:
         ]
     ranks = np.argsort(np.argsort(values, kind="stable"), kind="stable")
     part = ranks * PARTS // len(values)
-    found = []
+    divided = []
     for k in np.unique(part):
-        own = values[part == k]
-        low, high = float(own.min()), float(own.max())
-        found.append(
-            Section(_label(low, high), float(np.median(own)), np.flatnonzero(part == k).tolist())
+        inside = values[part == k]
+        low, high = float(inside.min()), float(inside.max())
+        divided.append(
+            Section(_label(low, high), float(np.median(inside)), np.flatnonzero(part == k).tolist())
         )
-    return found
+    return divided
 
 
 def _label(low: float, high: float) -> str:

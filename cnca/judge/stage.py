@@ -106,15 +106,15 @@ class Stage:
     def look(self, row: str, weather: int, eyes: Sequence[Eye]) -> dict[str, list[Detections]]:
         """What each detector reports; pictures are taken at most once, for the first who asks."""
         key, pictures = self._shoot(row, weather)
-        found = {}
+        detections = {}
         for eye in eyes:
             path = self.folder / "detections" / eye.folder / self._place(row, weather)
 
             def seen(eye: Eye = eye) -> list[Detections]:
                 return look(eye.detector, pictures(), FAINTEST_SCORE)
 
-            found[eye.name] = kept_detections(path, digest(key, eye.key, FAINTEST_SCORE), seen)
-        return found
+            detections[eye.name] = kept_detections(path, digest(key, eye.key, FAINTEST_SCORE), seen)
+        return detections
 
     def _shoot(self, row: str, weather: int) -> tuple[str, Callable[[], SrgbImages]]:
         """The key of some pictures, and what loads or takes them, once."""
@@ -159,13 +159,13 @@ def see(
         for weather in range(len(stage.shots.weathers))
         for row in stages[0].rows  # all in one place before the next: worlds are dear to build
     ]
-    own = []
+    looked = []
     for row, stage, weather in parallel.share(looks):
-        own.append(stage.look(row, weather, eyes))
+        looked.append(stage.look(row, weather, eyes))
         advance()
     every: dict[str, dict[str, list[Detections]]] = {}
-    for (row, *_), found in zip(looks, parallel.gathered(own), strict=True):
-        for name, detections in found.items():
+    for (row, *_), by_eye in zip(looks, parallel.gathered(looked), strict=True):
+        for name, detections in by_eye.items():
             every.setdefault(row, {}).setdefault(name, []).extend(detections)
     names, label = {eye.name: eye.detector.class_names for eye in eyes}, stages[0].label
     return {

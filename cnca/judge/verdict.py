@@ -59,7 +59,7 @@ class Seen:
         Raises DetectorError where the detector does not know the vehicle's class.
         """
         labels = vehicle_labels(self.class_names, self.label)[name]
-        return [as_one_class(found.above(least), labels) for found in self.detections]
+        return [as_one_class(detections.above(least), labels) for detections in self.detections]
 
 
 def measure(
@@ -72,14 +72,14 @@ def measure(
     least :data:`ALARM`, IoU of at least 0.5) in which it is found no more.  The measures of
     :mod:`cnca.judge.protocols` are of the vehicle's own class alone.
     """
-    found = seen.column(column)
+    detections = seen.column(column)
     truths, ignored = truth.objects(column, seen.label), truth.ignored(column, seen.label)
-    rankings = {kind: rank(found, truths, 0, kind=kind, ignored=ignored) for kind in KINDS}
+    rankings = {kind: rank(detections, truths, 0, kind=kind, ignored=ignored) for kind in KINDS}
     measured: dict[str, Sampled] = {
         f"AP_{kind}": Sampled(ranking.average_precision(weights))
         for kind, ranking in rankings.items()
     }
-    scores = best_scores(found, truth.boxes)
+    scores = best_scores(detections, truth.boxes)
     measured["score"] = Sampled(weights @ scores / weights.sum(dim=1))
     if before is not None:
         had = (best_scores(before.column(column), truth.boxes) >= ALARM).double()
@@ -103,15 +103,16 @@ def measure_all(
     table: dict[str, dict[str, dict[str, Measured]]] = {}
     for texture, by_detector in seen.items():
         table[texture] = {}
-        for detector, each in by_detector.items():
+        for detector, observed in by_detector.items():
             before = None if texture == normal else seen[normal][detector]
             table[texture][detector] = {
-                column: measure(each, before, truth, weights, column) for column in each.columns
+                column: measure(observed, before, truth, weights, column)
+                for column in observed.columns
             }
-        own = list(table[texture].values())
+        tables = list(table[texture].values())
         table[texture][TOTAL] = {
-            column: {name: mean([m[column][name] for m in own]) for name in own[0][column]}
-            for column in own[0]
+            column: {name: mean([t[column][name] for t in tables]) for name in tables[0][column]}
+            for column in tables[0]
         }
     return table
 
@@ -139,11 +140,11 @@ def by_section(
     """AP (VOC, area, own class), mean over the detectors, of each section of the views."""
     sampled = []
     for views in sections:
-        own, rankings = truth.part(views), []
-        for each in seen.values():
-            found, label = each.column(each.label), each.label
-            objects, ignored = own.objects(label, label), own.ignored(label, label)
-            rankings.append(rank([found[i] for i in views], objects, 0, ignored=ignored))
+        part_truth, rankings = truth.part(views), []
+        for observed in seen.values():
+            detections, label = observed.column(observed.label), observed.label
+            objects, ignored = part_truth.objects(label, label), part_truth.ignored(label, label)
+            rankings.append(rank([detections[i] for i in views], objects, 0, ignored=ignored))
         part = weights[:, list(views)]
         sampled.append(mean([Sampled(r.average_precision(part)) for r in rankings]))
     return sampled

@@ -51,5 +51,5 @@ def write_report(folder: Path, turntables: Sequence[Turntable] = ()) -> Path:
 
 def shown_views(count: int) -> range:
     """Which of ``count`` held-out views ``before_after.png`` shows: some, spread over them all."""
-    shown = min(SHOWN_VIEWS, count)
-    return range(0, count // shown * shown, count // shown)
+    wanted = min(SHOWN_VIEWS, count)
+    return range(0, count // wanted * wanted, count // wanted)

@@ -141,8 +141,8 @@ def _seconds(records: Sequence[StepRecord]) -> str:
     }
     parts["all else"] = total - sum(parts.values())
     rows = [
-        [name, f"{own.mean():.2f}", f"{own.std():.2f}", f"{own.sum() / total.sum():.0%}"]
-        for name, own in (parts | {"whole step": total}).items()
+        [name, f"{part.mean():.2f}", f"{part.std():.2f}", f"{part.sum() / total.sum():.0%}"]
+        for name, part in (parts | {"whole step": total}).items()
     ]
     return (
         f"{len(records)} steps took {(total.sum() + first.seconds_total) / 60:.1f} minutes, the "

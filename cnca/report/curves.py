@@ -41,8 +41,8 @@ def draw(steps: Sequence[int], numbers: Sequence[float], name: str) -> Markup:
     drawing = text.getvalue()
     drawing = drawing[drawing.index("<svg ") :].removeprefix("<svg ").replace(INK, "currentColor")
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, flags=re.DOTALL)
-    own = name.partition(",")[0].replace(" ", "-")  # ids of one drawing are not another's
-    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{own}-", drawing)
+    prefix = name.partition(",")[0].replace(" ", "-")  # ids of one drawing are not another's
+    drawing = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{prefix}-", drawing)
     heard = f"{name}: {numbers[0]:.2f} at first, {numbers[-1]:.2f} at last"
     opened = Markup('<svg class="curve" role="img" aria-label="{}" ').format(heard)
     return opened + Markup(drawing)

@@ -44,7 +44,7 @@ def evidence_parts(path: Path) -> list[Part]:
         for scene in results.scenes
         if (folder / "pictures" / scene / NORMAL).is_dir()
     ]
-    shown = [
+    galleries = [
         Gallery([Picture(file_uri(path), meaning, meaning)])
         for pattern, meaning in PICTURES.items()
         for path in sorted(folder.glob(pattern))
@@ -52,7 +52,7 @@ def evidence_parts(path: Path) -> list[Part]:
     return [
         Part(title.lstrip("# "), [Prose(as_html(tables))]),
         *sliders,
-        *([Part("Pictures", shown)] if shown else []),
+        *([Part("Pictures", galleries)] if galleries else []),
     ]
 
 

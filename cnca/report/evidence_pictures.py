@@ -36,12 +36,12 @@ def plot_sections(out: Path, sections: Mapping[str, Sequence[SectionScores]]) ->
 
     Axes along which the views do not differ are left out.  Returns the name of the file in ``out``.
     """
-    shown = {axis: parts for axis, parts in sections.items() if len(parts) > 1}
-    shown = shown or dict(list(sections.items())[:1])
+    axes_shown = {axis: parts for axis, parts in sections.items() if len(parts) > 1}
+    axes_shown = axes_shown or dict(list(sections.items())[:1])
     figure, panels = plt.subplots(
-        1, len(shown), figsize=(3.4 * len(shown), 3.6), sharey=True, layout="constrained"
+        1, len(axes_shown), figsize=(3.4 * len(axes_shown), 3.6), sharey=True, layout="constrained"
     )
-    for panel, (axis, parts) in zip(np.atleast_1d(panels), shown.items(), strict=True):
+    for panel, (axis, parts) in zip(np.atleast_1d(panels), axes_shown.items(), strict=True):
         places = np.arange(len(parts))
         for row in parts[0].AP_voc:
             value, low, high = _band(parts, row)
@@ -93,9 +93,9 @@ def contact_sheet(
         for view in chosen:
             weather, place = stage.places[view]
             picture = as_pictures(SrgbImages(stage.pictures(row, weather)[place : place + 1]))[0]
-            found = by_detector[eye.name]
-            sure = found.detections[first + view].above(ALARM)
-            tiles.append(draw_boxes(picture, sure, found.class_names, boxes[view]))
+            reports = by_detector[eye.name]
+            sure = reports.detections[first + view].above(ALARM)
+            tiles.append(draw_boxes(picture, sure, reports.class_names, boxes[view]))
             captions.append(row)
     return side_by_side(tiles, captions, columns=len(chosen))
 

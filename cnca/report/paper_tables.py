@@ -70,9 +70,9 @@ def quoted_table(
 
     Names are matched without regard to case; "not given" stands for a row that was not measured.
     """
-    own = {name.lower(): name for name in ours}
+    by_name = {name.lower(): name for name in ours}
     rows = [
-        *((name, own.get(name.lower())) for name in order),
+        *((name, by_name.get(name.lower())) for name in order),
         *((name, name) for name in ours if name.lower() not in [n.lower() for n in order]),
     ]
     lines = []

@@ -27,13 +27,13 @@ def read_parts(folder: Path) -> list[Part]:
     Raises:
         RunError: it holds no finished run, or one whose files are damaged.
     """
-    found = [name for name in READERS if (folder / name).is_file()]
-    if not found:
+    names = [name for name in READERS if (folder / name).is_file()]
+    if not names:
         raise RunError(
             f"{folder}: holds no finished run (none of {', '.join(READERS)}); "
             "give the --out of a command that has ended"
         )
-    parts = [part for name in found for part in _read(folder / name, READERS[name])]
+    parts = [part for name in names for part in _read(folder / name, READERS[name])]
     if (folder / "manifest.json").is_file():
         parts += _read(folder / "manifest.json", _manifest)
     return parts
@@ -60,7 +60,10 @@ def _manifest(path: Path) -> list[Part]:
     asked = content.request
     plain = {key: value for key, value in asked.items() if not isinstance(value, dict)}
     nested = {
-        key: value for own in asked.values() if isinstance(own, dict) for key, value in own.items()
+        key: value
+        for section in asked.values()
+        if isinstance(section, dict)
+        for key, value in section.items()
     }
     request = [[f"`{key}`", _words(value)] for key, value in (plain | nested).items()]
     versions = [[name, version] for name, version in content.versions.items()]

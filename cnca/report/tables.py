@@ -172,8 +172,8 @@ def protocol_rows(results: Evidence, protocol: str) -> tuple[list[str], list[lis
     rows = []
     for row in results.rows:
         for detector in with_total(results.detectors):
-            own = results.all[row][detector][results.label]
-            rows.append([row, detector, *(cell(own[name], digits=2) for name in names)])
+            measures = results.all[row][detector][results.label]
+            rows.append([row, detector, *(cell(measures[name], digits=2) for name in names)])
     return ["texture", "detector", *(protocol_names.MEASURES[name] for name in names)], rows
 
 
@@ -189,9 +189,9 @@ def _comparisons(results: Evidence) -> str:
 def comparison_table(results: Evidence) -> str:
     """The difference of each candidate from each of its controls, with its verdict."""
     rows = [
-        [found.candidate, found.control, found.detector, cell(found), found.verdict]
-        for found in results.comparisons
-        if found.detector in with_total(results.detectors)
+        [c.candidate, c.control, c.detector, cell(c), c.verdict]
+        for c in results.comparisons
+        if c.detector in with_total(results.detectors)
     ]
     head = [
         "texture",

@@ -88,17 +88,17 @@ class Grid:
 
 
 def _weathers(scene: Scene) -> list[Weather]:
-    ranges, own = scene.variation, scene.weather()
+    ranges, scene_weather = scene.variation, scene.weather()
     altitudes = np.linspace(*ranges.sun_altitude, LEVELS).tolist()
     if ranges.visibility is None:
         azimuths = np.linspace(*ranges.sun_azimuth, LEVELS, endpoint=False).tolist()
-        return [own.turned(h, a) for h in altitudes for a in azimuths]
-    fog = own.fog or Fog(visibility=1.0)
+        return [scene_weather.turned(h, a) for h in altitudes for a in azimuths]
+    fog = scene_weather.fog or Fog(visibility=1.0)
     low, high = ranges.visibility
     # Evenly spread in extinction, since that is what dims a picture.
     visibilities = (1 / np.linspace(1 / high, 1 / low, LEVELS)).tolist()
     fogs = [replace(fog, visibility=visibility) for visibility in visibilities]
-    suns = [own.turned(h, own.sun_azimuth) for h in altitudes]
+    suns = [scene_weather.turned(h, scene_weather.sun_azimuth) for h in altitudes]
     return [replace(weather, fog=f) for weather in suns for f in fogs]
 
 

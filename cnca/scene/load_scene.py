@@ -97,8 +97,8 @@ def _section_at(location: list[Any], tagged: tuple[Any, ...]) -> type[BaseModel]
     model: type[BaseModel] = Scene
     for key in location:
         kinds = [model.model_fields[key].annotation, *get_args(model.model_fields[key].annotation)]
-        found = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
-        if not found:
+        models = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
+        if not models:
             return None
-        model = found[0]
+        model = models[0]
     return model

@@ -82,7 +82,7 @@ def grid_shots(
                 height=scene.image.height,
             )
         )
-    used = [k for k, own in enumerate(views) if own]
+    used = [k for k, drawn in enumerate(views) if drawn]
     return [views[k] for k in used], [weathers[k] for k in used]
 
 
@@ -124,8 +124,8 @@ def _column(size: int, count: int, rng: np.random.Generator) -> Int[np.ndarray, 
 
 
 def _weather(scene: Scene, altitude: float, visibility: float | None) -> Weather:
-    own = scene.weather()
+    scene_weather = scene.weather()
     fog = None
     if visibility is not None:
-        fog = dataclasses.replace(own.fog or Fog(visibility), visibility=visibility)
-    return dataclasses.replace(own.turned(altitude, own.sun_azimuth), fog=fog)
+        fog = dataclasses.replace(scene_weather.fog or Fog(visibility), visibility=visibility)
+    return dataclasses.replace(scene_weather.turned(altitude, scene_weather.sun_azimuth), fog=fog)

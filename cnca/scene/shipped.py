@@ -19,8 +19,8 @@ def scene_file(path: str | Path) -> Path:
     name = str(path)
     if not name.startswith(PREFIX):
         return Path(path)
-    file = FOLDER / f"{name.removeprefix(PREFIX)}.yaml"
-    if not file.is_file():
-        names = [PREFIX + each.stem for each in sorted(FOLDER.glob("*.yaml"))]
+    shipped_file = FOLDER / f"{name.removeprefix(PREFIX)}.yaml"
+    if not shipped_file.is_file():
+        names = [PREFIX + shipped_file.stem for shipped_file in sorted(FOLDER.glob("*.yaml"))]
         raise SceneError(f"scene '{name}': there is {', '.join(names)}{did_you_mean(name, names)}")
-    return file
+    return shipped_file

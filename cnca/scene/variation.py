@@ -49,17 +49,17 @@ def draw_weathers(scene: Scene, count: int, *, seed: int) -> list[Weather]:
 
     Visibility is spread evenly in extinction, since that is what dims a picture.
     """
-    ranges, own = scene.variation, scene.weather()
+    ranges, scene_weather = scene.variation, scene.weather()
     spans = [ranges.sun_altitude, ranges.sun_azimuth]
     if ranges.visibility is not None:
         low, high = ranges.visibility
         spans.append((1 / high, 1 / low))
     weathers = []
     for altitude, azimuth, *inverse in _draw(spans, count, seed, 0):
-        fog = own.fog
+        fog = scene_weather.fog
         if inverse:
             fog = dataclasses.replace(fog or Fog(visibility=1.0), visibility=1 / inverse[0])
-        weathers.append(dataclasses.replace(own.turned(altitude, azimuth), fog=fog))
+        weathers.append(dataclasses.replace(scene_weather.turned(altitude, azimuth), fog=fog))
     return weathers
 
 

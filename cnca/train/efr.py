@@ -177,7 +177,7 @@ def _corrected(network: EnvironmentFeatureRenderer, shot: Shot) -> LinearImages:
 def _loss(corrected: LinearImages, shot: Shot) -> Tensor:
     """Equation 10; what is not the vehicle is black in both, as in the paper's masked pictures."""
     mask = shot.mask.expand(len(shot.truths), -1, -1, -1)
-    found, truth = (
+    drawn, truth = (
         linear_to_srgb(x).clamp(HALF_LEVEL, 1 - HALF_LEVEL) * mask for x in (corrected, shot.truths)
     )
-    return weighted_bce(found, truth, mask)
+    return weighted_bce(drawn, truth, mask)

@@ -63,16 +63,16 @@ class TrainingLoop:
         first = state.load(self._checkpoint(task)) if self.resume else 0
         recipe, recent = task.recipe, 0.0
         with bar(self.console) as progress, torch.random.fork_rng(devices=[]):
-            shown = progress.add_task(task.name, total=recipe.steps, completed=first)
+            task_bar = progress.add_task(task.name, total=recipe.steps, completed=first)
             for step in range(first, recipe.steps):
                 loss = state.step(step)
                 recent += (loss - recent) / min(step - first + 1, RECENT)
                 label = f"{task.name} loss {recent:.4f}"
-                progress.update(shown, advance=1, description=label)
+                progress.update(task_bar, advance=1, description=label)
                 if (step + 1) % recipe.save_every == 0 or step + 1 == recipe.steps:
                     numbers = "".join(f", {k} {v:.4f}" for k, v in task.metrics().items())
                     state.save(self._checkpoint(task), step + 1)
-                    remaining = progress.tasks[shown].time_remaining or 0.0
+                    remaining = progress.tasks[task_bar].time_remaining or 0.0
                     progress.console.print(
                         f"{label}{numbers}, {task.where(step)} done, {remaining:.0f} s left"
                     )

@@ -94,7 +94,7 @@ def contrastive_loss(scorer: BagScorer, pictures: SrgbImages, captions: Sequence
     cosines = scorer.see_pictures(pictures) @ scorer.read_prompts(captions).T
     logits = scorer.log_scale.exp() * cosines
     bags = [frozenset(words(caption)) for caption in captions]
-    same = torch.tensor([[one == other for other in bags] for one in bags], dtype=torch.float32)
+    same = torch.tensor([[bag == other for other in bags] for bag in bags], dtype=torch.float32)
     wanted = same / same.sum(dim=1, keepdim=True)
     return (F.cross_entropy(logits, wanted) + F.cross_entropy(logits.T, wanted)) / 2
 

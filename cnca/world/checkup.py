@@ -89,13 +89,13 @@ def free_places(world: World) -> Iterator[tuple[float, float]]:
     area = np.concatenate([_crosses(piece)[:, 2].clip(min=0) for piece in world.pieces])
     if not area.sum() > 0:
         return
-    found = 0
+    count = 0
     for face in rng.choice(len(area), TRIES, p=area / area.sum()):
         x, y = (rng.dirichlet(np.ones(3)) @ triangles[face])[:2].round(1).tolist()
         if _is_free(world, x, y):
             yield x, y
-            found += 1
-        if found == PLACES:
+            count += 1
+        if count == PLACES:
             return
 
 

@@ -76,8 +76,8 @@ def root(square: float) -> float:
 
 def mean_delta_e(pictures: Sequence[Pixels], references: Sequence[Pixels]) -> float:
     """Mean ΔE2000 (CIE 142:2001) between the means of both as sRGB pictures, D65."""
-    found, expected = (_lab(np.mean(images, axis=0)) for images in (pictures, references))
-    return float(np.mean(colour.delta_E(found, expected, method="CIE 2000")))
+    mean, expected = (_lab(np.mean(images, axis=0)) for images in (pictures, references))
+    return float(np.mean(colour.delta_E(mean, expected, method="CIE 2000")))
 
 
 def gradient_agreement(
@@ -104,5 +104,5 @@ def _mean_and_error(values: Pixels) -> tuple[float, float]:
 
 
 def _lab(linear: Pixels) -> Pixels:
-    shown = encode(torch.from_numpy(linear)).numpy()
-    return np.asarray(colour.XYZ_to_Lab(colour.sRGB_to_XYZ(shown)))
+    encoded = encode(torch.from_numpy(linear)).numpy()
+    return np.asarray(colour.XYZ_to_Lab(colour.sRGB_to_XYZ(encoded)))

@@ -70,12 +70,12 @@ def describe_reference(reference: ReferenceRecord) -> str:
 
 def write_picture(path: Path, report: AccuracyReport) -> None:
     """Error over time: all rungs, the Pareto front, and what the plan chose for which target."""
-    shown = [rung for rung in report.rungs if rung.error > 0]
+    rungs = [rung for rung in report.rungs if rung.error > 0]
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    axes.scatter([_seconds(r) for r in shown], [r.error for r in shown], s=14, alpha=0.5)
-    front = sorted((r for r in shown if r.name in report.front), key=_seconds)
+    axes.scatter([_seconds(r) for r in rungs], [r.error for r in rungs], s=14, alpha=0.5)
+    front = sorted((r for r in rungs if r.name in report.front), key=_seconds)
     axes.step([_seconds(r) for r in front], [r.error for r in front], where="post", label="best")
-    for rung in shown:
+    for rung in rungs:
         if rung.target is not None:
             axes.scatter(_seconds(rung), rung.error, marker="*", s=120, color="tab:red")
             text, where = f"{rung.target:.0%} asked", (_seconds(rung), rung.error)

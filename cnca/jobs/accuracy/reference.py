@@ -97,8 +97,8 @@ class Bench:
 
     def score(self, image: LinearImages) -> float:
         """How surely the detector finds the vehicle."""
-        found = self.detector.detect(linear_to_srgb(image), score_threshold=LEAST_SCORE)[0]
-        return detection_score(found, self.boxes[0], self.label)
+        detections = self.detector.detect(linear_to_srgb(image), score_threshold=LEAST_SCORE)[0]
+        return detection_score(detections, self.boxes[0], self.label)
 
 
 @dataclass

@@ -65,10 +65,10 @@ def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Cons
         return rows[tau].naturalness.prompt_score >= least
 
     bisect(GRID, keeps)
-    known = [rows[one] for one in sorted(rows)]
+    known = [rows[tau] for tau in sorted(rows)]
     write_tables(request.out, "auto_tau", "τ", known)
     tau = strongest(
-        {tau: (one.naturalness.prompt_score, one.detection_score) for tau, one in rows.items()},
+        {tau: (line.naturalness.prompt_score, line.detection_score) for tau, line in rows.items()},
         least,
     )
     if tau is None:
@@ -76,7 +76,7 @@ def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Cons
             f"--min-prompt-score {least:g}: τ = {GRID[0]:g} already scores "
             f"{rows[GRID[0]].naturalness.prompt_score:.3f}; ask for less"
         )
-    content = Search([one.numbers for one in known], tau, least, unattacked)
+    content = Search([line.numbers for line in known], tau, least, unattacked)
     write_json(request.out / "auto_tau.json", as_json(content))
     return Choice(tau, known)
 

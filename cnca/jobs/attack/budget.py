@@ -75,9 +75,9 @@ def measure_steps(attack: Attack, settings: Settings) -> list[float]:
     """Seconds of each kind of step; what renderers keep of them serves the run as well."""
     seconds: list[float] = []
     for step in MEASURED:
-        one = replace(settings, steps=step + 1, check_every=0, patience=0)
-        progress = replace(start(attack, one), step=step)
-        optimize(attack, one, progress, lambda _, record: seconds.append(record.seconds_total))
+        once = replace(settings, steps=step + 1, check_every=0, patience=0)
+        progress = replace(start(attack, once), step=step)
+        optimize(attack, once, progress, lambda _, record: seconds.append(record.seconds_total))
     return seconds
 
 

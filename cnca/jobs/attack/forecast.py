@@ -57,11 +57,11 @@ class Forecast:
 
     def table(self) -> Table:
         """The parts, for people."""
-        shown = Table("part", "times", "seconds each", "seconds")
+        table = Table("part", "times", "seconds each", "seconds")
         for part in self.parts:
             whole = part.times * part.seconds
-            shown.add_row(part.name, str(part.times), f"{part.seconds:.2f}", f"{whole:.1f}")
-        return shown
+            table.add_row(part.name, str(part.times), f"{part.seconds:.2f}", f"{whole:.1f}")
+        return table
 
     def sentence(self) -> str:
         """Time and memory in all."""

@@ -132,15 +132,15 @@ def with_prompt(request: Request, prompt: str) -> Request:
 
 def write_tables(out: Path, name: str, heading: str, rows: Sequence[Row]) -> None:
     """Write ``name`` as .json, .md and .png: numbers, table, and the row of textures."""
-    write_json(out / f"{name}.json", as_json(Table([one.numbers for one in rows])))
+    write_json(out / f"{name}.json", as_json(Table([line.numbers for line in rows])))
     with replacing(out / f"{name}.md") as temporary:
         temporary.write_text(table(heading, rows), encoding="utf-8")
     textures, captions = [], []
-    for one in rows:
-        texture = read_texture_srgb(one.folder / "texture.png")
+    for line in rows:
+        texture = read_texture_srgb(line.folder / "texture.png")
         small = cv2.resize(texture, (TILE, TILE), interpolation=cv2.INTER_AREA)
         textures.append((small * 255).round().astype("uint8"))
-        captions.append(f"{one.label}: {one.detection_score:.2f}")
+        captions.append(f"{line.label}: {line.detection_score:.2f}")
     write_png(out / f"{name}.png", side_by_side(textures, captions, columns=min(6, len(rows))))
 
 
@@ -161,9 +161,9 @@ def table(heading: str, rows: Sequence[Row]) -> str:
     """The rows in Markdown."""
     lines = [f"| {heading} | " + " | ".join(COLUMNS.values()) + " |"]
     lines.append("|---" * (1 + len(COLUMNS)) + "|")
-    for one in rows:
-        numbers = as_json(one.numbers)
-        lines.append(f"| {one.label} | " + " | ".join(f"{numbers[c]:.3f}" for c in COLUMNS) + " |")
+    for line in rows:
+        numbers = as_json(line.numbers)
+        lines.append(f"| {line.label} | " + " | ".join(f"{numbers[c]:.3f}" for c in COLUMNS) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -180,7 +180,7 @@ def prompts(
     request: Request, wanted: Sequence[str], scorer: PromptScorer, console: Console
 ) -> list[Row]:
     """The paper's table of styles: one attack per prompt; ``prompts.md``, ``.json``, ``.png``."""
-    rows = [row(with_prompt(request, one), one, scorer, console) for one in wanted]
+    rows = [row(with_prompt(request, prompt), prompt, scorer, console) for prompt in wanted]
     write_tables(request.out, "prompts", "prompt", rows)
     return rows
 

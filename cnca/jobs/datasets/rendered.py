@@ -65,8 +65,8 @@ def render_dataset(request: DatasetRequest, console: Console) -> Rendered:
     folder = RunFolder(request.out, "render-dataset")
     parallel.by_first(lambda: folder.claim(content, inputs, resume=True))
     part, parts = part - 1 + parts * parallel.rank(), parts * parallel.count()
-    own = [k for k in range(count) if k // SHARING % parts == part]
-    missing = [k for k in own if not data.has(k)]
+    mine = [k for k in range(count) if k // SHARING % parts == part]
+    missing = [k for k in mine if not data.has(k)]
     stage = _Stage(scene, samples)
     with bar(console) as shown:
         for index in shown.track(missing, description="pictures"):

@@ -82,7 +82,7 @@ def write_evidence(
 
 
 def _write_manifest(request: EvaluationRequest, candidates: Sequence[Candidate]) -> None:
-    inputs = [each.picture for each in candidates]
+    inputs = [candidate.picture for candidate in candidates]
     inputs += sorted(request.carla.glob("*.npz")) if request.carla else []
     for path in request.scenes:
         inputs += build.scene_files(load_scene(path), path)

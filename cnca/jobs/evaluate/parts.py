@@ -83,7 +83,7 @@ def _stage(
     vehicle = build.build_vehicle(scene)
     frames = None if request.carla is None else _frames(request, request.carla, scene, vehicle)
     paint, size = build.build_paint(scene, vehicle), scene.vehicle.texture_size
-    textures = {each.name: read_candidate(each, vehicle, size) for each in candidates}
+    textures = {c.name: read_candidate(c, vehicle, size) for c in candidates}
     backend, samples = request.backend, request.samples
     stage = Stage(
         name=name,
@@ -136,9 +136,9 @@ def _prompts(request: EvaluationRequest, candidates: Sequence[Candidate]) -> dic
     if "prompt" not in request.controls:
         return {}
     prompts = {
-        f"{each.name} prompt": build.read_texture(each.prompt_picture)
-        for each in candidates
-        if each.prompt_picture
+        f"{candidate.name} prompt": build.read_texture(candidate.prompt_picture)
+        for candidate in candidates
+        if candidate.prompt_picture
     }
     prompt = request.prompt
     if prompt is None:

@@ -56,22 +56,22 @@ def evaluate_photos(request: PhotoRequest, console: Console) -> PhotoEvidence:
     photos = read_labels(request.photos, request.labels, request.label_names)
     eyes = build_eyes(request.detectors)
     parallel.by_first(lambda: _write_manifest(request, photos))
-    own: list[dict[str, list[Detections]]] = []
+    looked: list[dict[str, list[Detections]]] = []
     with bar(console) as shown:
         numbers = parallel.share(range(len(photos)))
         for number in shown.track(numbers, description="photographs"):
-            image, found = read_photo(photos[number]), {}
+            image, by_eye = read_photo(photos[number]), {}
             for eye in eyes:
                 path = request.out / "detections" / eye.folder / f"photo{number:05d}.npz"
 
                 def reported(eye: Eye = eye, image: SrgbImages = image) -> list[Detections]:
                     return look(eye.detector, image)
 
-                found[eye.name] = kept_detections(path, digest(image, eye.key), reported)
-            own.append(found)
-    every = parallel.gathered(own)
+                by_eye[eye.name] = kept_detections(path, digest(image, eye.key), reported)
+            looked.append(by_eye)
+    every = parallel.gathered(looked)
     seen = {
-        eye.name: Seen([d for found in every for d in found[eye.name]], eye.detector.class_names)
+        eye.name: Seen([d for by_eye in every for d in by_eye[eye.name]], eye.detector.class_names)
         for eye in eyes
     }
     return parallel.by_first(lambda: _conclude(request, photos, eyes, seen))
@@ -97,10 +97,10 @@ def judge_photos(photos: Sequence[Photo], seen: Mapping[str, Seen], seed: int) -
     groups = sorted({photo.group for photo in photos}, key=lambda g: (g.lower() != "normal", g))
     measured, counts = {}, {}
     for number, group in enumerate(groups):
-        own = [i for i, photo in enumerate(photos) if photo.group == group]
-        counts[group] = len(own)
-        weights = resample([len(own)], seed=seed + number)
-        measured[group] = _measure([photos[i] for i in own], own, seen, weights)
+        numbers = [i for i, photo in enumerate(photos) if photo.group == group]
+        counts[group] = len(numbers)
+        weights = resample([len(numbers)], seed=seed + number)
+        measured[group] = _measure([photos[i] for i in numbers], numbers, seen, weights)
     comparisons = []
     for group in groups[1:]:
         fewer = min(counts[group], counts[groups[0]])
@@ -144,16 +144,17 @@ def read_photo(photo: Photo) -> SrgbImages:
 
 
 def _measure(
-    photos: Sequence[Photo], own: Sequence[int], seen: Mapping[str, Seen], weights: torch.Tensor
+    photos: Sequence[Photo], numbers: Sequence[int], seen: Mapping[str, Seen], weights: torch.Tensor
 ) -> dict[str, dict[str, dict[str, Sampled]]]:
-    """Detector → column → AP of each kind, for photographs number ``own`` of what was seen."""
+    """Detector → column → AP of each kind, for the photographs of these numbers."""
     table: dict[str, dict[str, dict[str, Sampled]]] = {}
-    for name, each in seen.items():
+    for name, observed in seen.items():
         table[name] = {}
         for column, classes in counted().items():
             truths = [photo.boxes(classes) for photo in photos]
             ignored = [torch.tensor(photo.ignored).reshape(-1, 4) for photo in photos]
-            part = Seen([each.detections[i] for i in own], each.class_names).column(column)
+            chosen = [observed.detections[i] for i in numbers]
+            part = Seen(chosen, observed.class_names).column(column)
             rankings = {kind: rank(part, truths, 0, kind=kind, ignored=ignored) for kind in KINDS}
             table[name][column] = {
                 f"AP_{kind}": Sampled(ranking.average_precision(weights))
@@ -189,9 +190,9 @@ def _write_table2(request: PhotoRequest, results: PhotoEvidence, pictures: list[
         ]
     if results.comparisons:
         rows = [
-            [found.candidate, found.control, found.detector, cell(found), found.verdict]
-            for found in results.comparisons
-            if found.detector in detectors
+            [c.candidate, c.control, c.detector, cell(c), c.verdict]
+            for c in results.comparisons
+            if c.detector in detectors
         ]
         head = ["photographs", "against", "detector", "difference of AP@0.5", "verdict"]
         parts += ["## Differences\n", table(head, rows)]
@@ -204,8 +205,8 @@ def _contact_sheet(photos: Sequence[Photo], seen: Seen) -> SrgbPicture:
     """The first photographs of each row with labels in green and detections of 0.25 in red."""
     tiles, captions = [], []
     for group in dict.fromkeys(photo.group for photo in photos):
-        own = [i for i, photo in enumerate(photos) if photo.group == group][:SHOWN]
-        for i in own:
+        numbers = [i for i, photo in enumerate(photos) if photo.group == group][:SHOWN]
+        for i in numbers:
             picture = as_pictures(read_photo(photos[i]))[0]
             scale = SHOWN_WIDTH / picture.shape[1]
             small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

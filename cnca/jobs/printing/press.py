@@ -172,9 +172,9 @@ def _of_profile(path: Path) -> Press:
 
     def press(picture: SrgbArray) -> SrgbArray:
         levels = np.rint(picture.clip(0, 1) * 255).astype(np.uint8)
-        shown = ImageCms.applyTransform(Image.fromarray(levels), there)
-        assert shown is not None
-        seen = ImageCms.applyTransform(shown, back)
+        printed = ImageCms.applyTransform(Image.fromarray(levels), there)
+        assert printed is not None
+        seen = ImageCms.applyTransform(printed, back)
         return np.asarray(seen, np.float32) / 255
 
     return press

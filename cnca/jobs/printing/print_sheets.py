@@ -260,7 +260,7 @@ def _key(figure: Figure, panels: list[Panel], skin: Skin, texture: SrgbArray) ->
         axes = figure.add_axes((0.08, 0.12 + 0.168 * (len(SIDES) - 1 - row), 0.84, 0.16))
         axes.set_axis_off()
         axes.set_aspect("equal")
-        for panel in (each for each in panels if each.name.startswith(side.name)):
+        for panel in (part for part in panels if part.name.startswith(side.name)):
             flat = skin.vertices[skin.faces[panel.faces]] @ np.array([side.u, side.v], float).T
             colours = _at_middles(texture, skin, panel).clip(0, 1)
             patches = PolyCollection(flat, facecolors=colours, edgecolors="face", lw=0.3)

@@ -94,9 +94,9 @@ def lay_out(arts: Sequence[Artwork], area: tuple[float, float]) -> list[Page]:
     """Fill pages whose printed area is so wide and high: whole artworks in rows, then parts."""
     whole, large = [], []
     for art in arts:
-        ways = [each for each in (art, art.turned()) if _fits(each, area)]
+        ways = [turned for turned in (art, art.turned()) if _fits(turned, area)]
         if ways:
-            whole.append(min(ways, key=lambda each: each.size[1]))
+            whole.append(min(ways, key=lambda turned: turned.size[1]))
         else:
             large.append(art)
     pages = _rows(sorted(whole, key=lambda art: -art.size[1]), area)
@@ -153,8 +153,8 @@ def _cut(
     height, width = pixels.shape[:2]
     left, right = math.floor(window[0] / PIXEL), min(math.ceil(window[2] / PIXEL), width)
     bottom, top = math.floor(window[1] / PIXEL), min(math.ceil(window[3] / PIXEL), height)
-    shown = pixels[height - top : height - bottom, left:right]
-    return shown, (left * PIXEL, right * PIXEL, bottom * PIXEL, top * PIXEL)
+    cut = pixels[height - top : height - bottom, left:right]
+    return cut, (left * PIXEL, right * PIXEL, bottom * PIXEL, top * PIXEL)
 
 
 def printed_area(paper: str) -> tuple[float, float]:
@@ -229,9 +229,9 @@ def _draw(axes: Axes, placed: Placed) -> None:
     art, window = placed.art, placed.window
     x, y = MARGIN + placed.at[0] - window[0], FOOT + placed.at[1] - window[1]
     limits = axes.axis()
-    shown, (left, right, bottom, top) = _cut(art.picture, window)
+    cut, (left, right, bottom, top) = _cut(art.picture, window)
     extent = (x + left, x + right, y + bottom, y + top)
-    image = axes.imshow(shown, extent=extent, aspect="auto", interpolation="none")
+    image = axes.imshow(cut, extent=extent, aspect="auto", interpolation="none")
     frame = Rectangle(
         (x + window[0], y + window[1]), window[2] - window[0], window[3] - window[1], fill=False
     )

@@ -36,7 +36,7 @@ def sentences(results: SurveyScores) -> list[str]:
 def _markdown(results: SurveyScores, survey: Survey) -> str:
     pictures = _pictures(survey)
     names = [score.source for score in results.sources]
-    shown = [f"![{name}](pictures/{pictures[name]}.jpg)" for name in names]
+    pictured = [f"![{name}](pictures/{pictures[name]}.jpg)" for name in names]
     layout = [["Score", *(_score(score, "±") for score in results.sources)], ["Source", *names]]
     means = [[score.source, cell(score, digits=2)] for score in results.sources]
     pairs = [
@@ -50,7 +50,7 @@ def _markdown(results: SurveyScores, survey: Survey) -> str:
             f"# Naturalness: “{results.question}”\n",
             "Mean ± standard deviation over participants of each one's mean score for a source, "
             "from 1 (not natural at all) to 5 (very natural).\n",
-            table(["Images", *shown], layout),
+            table(["Images", *pictured], layout),
             *(f"{sentence}.\n" for sentence in sentences(results)),
             table(["source", f"mean; in brackets: {results.interval}"], means),
             "Paired tests over participants, two-sided; the correction is for all pairs.\n",

@@ -165,12 +165,12 @@ def _pictures(
     """The layout filled with a checker, and the car in it from two sides."""
     skin = Skin.of(vehicle)
     checker = checkerboard(TEXELS, max(2, round(skin.metres_per_unit / SQUARE)))
-    shown = paint_mask(vehicle, TEXELS)
+    painted = paint_mask(vehicle, TEXELS)
     if mask is not None:
-        shown &= cv2.resize(mask.astype(np.uint8), (TEXELS, TEXELS), interpolation=0) > 0
-    flat = cv2.resize(np.where(shown[..., None], checker, 0.1), (SHOWN, SHOWN), interpolation=3)
+        painted &= cv2.resize(mask.astype(np.uint8), (TEXELS, TEXELS), interpolation=0) > 0
+    flat = cv2.resize(np.where(painted[..., None], checker, 0.1), (SHOWN, SHOWN), interpolation=3)
     paint = Paint(
-        SrgbTexture(torch.full((3, TEXELS, TEXELS), 0.2)), torch.from_numpy(shown[None]).float()
+        SrgbTexture(torch.full((3, TEXELS, TEXELS), 0.2)), torch.from_numpy(painted[None]).float()
     )
     albedo = paint.apply(SrgbTexture(torch.from_numpy(checker).permute(2, 0, 1)))
     scene = Scene.model_validate({"vehicle": {"texture_size": TEXELS}})

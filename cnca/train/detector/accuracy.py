@@ -36,7 +36,7 @@ def measure(
     report = {"all": _summary(detections, truths, label)}
     for group in sorted(set(groups)):
         pairs = zip(detections, truths, groups, strict=True)
-        members = [(found, truth) for found, truth, name in pairs if name == group]
+        members = [(detected, truth) for detected, truth, name in pairs if name == group]
         report[group] = _summary([f for f, _ in members], [t for _, t in members], label)
     return report
 
@@ -56,16 +56,16 @@ def _summary(
 ) -> dict[str, float]:
     summary: dict[str, float] = {"pictures": len(truths)}
     scores = [
-        detection_score(found, box, label)
-        for found, boxes in zip(detections, truths, strict=True)
+        detection_score(detected, box, label)
+        for detected, boxes in zip(detections, truths, strict=True)
         for box in boxes
     ]
     if scores:
         summary["ap50"] = round(average_precision(detections, truths, label), 4)
         summary["found"] = round(float(np.mean(np.array(scores) >= ALARM)), 4)
     empty = [
-        bool((found.of(label).scores >= ALARM).any())
-        for found, boxes in zip(detections, truths, strict=True)
+        bool((detected.of(label).scores >= ALARM).any())
+        for detected, boxes in zip(detections, truths, strict=True)
         if len(boxes) == 0
     ]
     if empty:

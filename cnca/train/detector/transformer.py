@@ -77,14 +77,14 @@ class TrainableTransformer(TrainableDetector):
             for in_image in (targets.images == image for image in range(len(images)))
         ]
         with backbone_in_bfloat16(self.network, images, bfloat16):
-            found = self.network(pixel_values=images, labels=labels)
+            outputs = self.network(pixel_values=images, labels=labels)
         config: Any = self.network.config
         proposals = f"_aux_{config.decoder_layers - 1}"  # after those of all layers but the last
-        decoder = [v for name, v in found.loss_dict.items() if not name.endswith(proposals)]
+        decoder = [v for name, v in outputs.loss_dict.items() if not name.endswith(proposals)]
         grids = [[side // stride for side in self.size] for stride in config.feat_strides]
         dense = aligned_loss(
-            cxcywh_to_xyxy(found.enc_outputs_coord_logits.sigmoid()) * scale,
-            found.enc_outputs_class,
+            cxcywh_to_xyxy(outputs.enc_outputs_coord_logits.sigmoid()) * scale,
+            outputs.enc_outputs_class,
             cell_places(grids, self.size),
             targets,
         )

@@ -162,20 +162,20 @@ class Body:
     def _sections(self, x: Numbers) -> Float[np.ndarray, "stations 8 2"]:
         """Corners (y, z) of the half-sections from the floor's middle to the roof's."""
         s = self.shape
-        w, one = s.width / 2, np.ones_like(x)
+        w, ones = s.width / 2, np.ones_like(x)
         belt, top = self.belt(x), self.top(x)
         floor = s.clearance + END_LIFT * _smooth_step((np.abs(x) - self.nose + 0.7) / 0.7)
         corner_y = self.corner(x) / np.maximum(self.plan(x), 1e-9)
         corner_z = np.maximum(top - ROOF_CROWN, belt + 0.02)
         lines = [
-            (0.0 * one, floor),
-            (0.90 * w * one, floor),
-            (0.97 * w * one, floor + 0.10),
-            (w * one, self.waist * one + 0.10),
-            (0.965 * w * one, belt),
+            (0.0 * ones, floor),
+            (0.90 * w * ones, floor),
+            (0.97 * w * ones, floor + 0.10),
+            (w * ones, self.waist * ones + 0.10),
+            (0.965 * w * ones, belt),
             (corner_y, corner_z),
             (0.35 * corner_y, top),
-            (0.0 * one, top),
+            (0.0 * ones, top),
         ]
         return np.stack([np.stack(line, axis=-1) for line in lines], axis=1)
 

@@ -70,18 +70,18 @@ def develop(
         raise MeshError(f"{vehicle.name}: no painted face can be seen from outside")
     side = sides(skin.vertices, faces)
     area = np.linalg.norm(face_crosses(skin.vertices, faces), axis=1) / 2
-    panels, shown = [], 0.0
-    for index, one in enumerate(SIDES):
+    panels, area_laid_out = [], 0.0
+    for index, direction in enumerate(SIDES):
         mine = np.flatnonzero(outside & (side == index))
         pieces = [mine[piece] for piece in _connected(skin.vertices, faces[mine])]
         pieces = [piece for piece in pieces if area[piece].sum() >= LEAST_AREA]
         pieces.sort(key=lambda piece: -area[piece].sum())
         for number, piece in enumerate(pieces, start=1):
             triangles = skin.vertices[faces[piece]]
-            flat, stretch = flatten(triangles, np.array([one.u, one.v], float))
-            panels.append(Panel(f"{one.name} {number}", chosen[piece], flat, stretch))
-            shown += area[piece].sum()
-    return panels, float(shown / area[outside].sum())
+            flat, stretch = flatten(triangles, np.array([direction.u, direction.v], float))
+            panels.append(Panel(f"{direction.name} {number}", chosen[piece], flat, stretch))
+            area_laid_out += area[piece].sum()
+    return panels, float(area_laid_out / area[outside].sum())
 
 
 def flatten(
@@ -94,9 +94,9 @@ def flatten(
     keys = (triangles * 1e5).round().reshape(-1, 3)
     places, first, joined = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     faces = joined.reshape(-1, 3)
-    own = _own_planes(triangles)
-    edges = own[:, [1, 2, 0]] - own  # edge k runs from corner k to the next
-    weights = _cotangents(own)[:, [2, 0, 1]]  # of the corner opposite to it
+    plane = _own_planes(triangles)
+    edges = plane[:, [1, 2, 0]] - plane  # edge k runs from corner k to the next
+    weights = _cotangents(plane)[:, [2, 0, 1]]  # of the corner opposite to it
     i, j, w = faces.ravel(), faces[:, [1, 2, 0]].ravel(), weights.ravel()
     count = len(places)
     pairs = coo_matrix((w, (i, j)), shape=(count, count))
@@ -115,7 +115,7 @@ def flatten(
         flat = np.stack([solve(pull[:, 0]), solve(pull[:, 1])], axis=1)
     flat = _turned_back(flat, start)
     flat -= flat.min(axis=0)
-    return flat[faces], _stretch(own, flat[faces])
+    return flat[faces], _stretch(plane, flat[faces])
 
 
 def _connected(

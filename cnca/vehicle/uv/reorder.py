@@ -99,9 +99,9 @@ def _with_layout(vehicle: Vehicle, corners: Float[np.ndarray, "faces 3 2"]) -> V
     parts, first = [], 0
     for part in vehicle.parts:
         if part.material == "paint":
-            own = corners[first : first + len(part.faces)]
+            part_corners = corners[first : first + len(part.faces)]
             first += len(part.faces)
-            part = _part_with_layout(part, own)
+            part = _part_with_layout(part, part_corners)
         parts.append(part)
     return replace(vehicle, parts=tuple(parts))
 

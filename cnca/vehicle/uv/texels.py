@@ -57,8 +57,8 @@ def map_texels(vehicle: Vehicle, size: int) -> Texels:
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     # Opposite normals at a triangle's corners may cancel out: any of them will do then.
     normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-6), normals[face][..., 0, :])
-    shown = face[owner >= 0]
-    texel_areas = _area(points)[shown] / (np.abs(_doubled_area(corners))[shown] / 2 * size**2)
+    drawn = face[owner >= 0]
+    texel_areas = _area(points)[drawn] / (np.abs(_doubled_area(corners))[drawn] / 2 * size**2)
     return Texels(
         face=face,
         weights=weights,

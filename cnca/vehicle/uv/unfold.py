@@ -85,12 +85,12 @@ def unfold(
     side = sides(vertices, faces)
     outside = np.zeros(len(faces), bool)
     flat = np.zeros((len(faces), 3, 2))
-    for i, one in enumerate(SIDES):
+    for i, direction in enumerate(SIDES):
         chosen = np.flatnonzero(side == i)
         corners = vertices[faces[chosen]]
-        flat[chosen] = corners @ np.array([one.u, one.v], float).T
-        behind = glass @ np.array([one.u, one.v], float).T, glass @ one.outwards
-        outside[chosen] = _front(flat[chosen], corners @ one.outwards, *behind)
+        flat[chosen] = corners @ np.array([direction.u, direction.v], float).T
+        behind = glass @ np.array([direction.u, direction.v], float).T, glass @ direction.outwards
+        outside[chosen] = _front(flat[chosen], corners @ direction.outwards, *behind)
     placed = np.zeros(len(faces), bool)
     for i in range(len(SIDES)):
         chosen = outside & (side == i)
@@ -165,20 +165,20 @@ def _attach(
     """
     side, direction = SIDES[index], APPROACH[index]
     along = 0 if direction[0] else 1
-    own, others = flat[chosen].reshape(-1, 2), flat[top].reshape(-1, 2)
+    chart, others = flat[chosen].reshape(-1, 2), flat[top].reshape(-1, 2)
     height = triangles[chosen].reshape(-1, 3) @ side.outwards
     tree = cKDTree(triangles[top].reshape(-1, 3))
     distance, nearest = tree.query(triangles[chosen].reshape(-1, 3), distance_upper_bound=MEET)
     met = np.isfinite(distance)
-    across = own[:, 1 - along]
+    across = chart[:, 1 - along]
     knots = np.arange(across.min() - KNOT, across.max() + 2 * KNOT, KNOT)
     if met.any():  # edges farther inside, behind a windscreen or a lid, are not the car's corner
         met &= height > height[met].max() - CORNER
-        wanted = others[nearest[met], along] - own[met, along]
+        wanted = others[nearest[met], along] - chart[met, along]
         shift = _smooth(knots, across[met], wanted, shear) + direction[along] * SPACE
     else:  # nothing in common: beside it
         sign = direction[along]
-        distance = (sign * others[:, along]).max() - (sign * own[:, along]).min()
+        distance = (sign * others[:, along]).max() - (sign * chart[:, along]).min()
         shift = np.full(len(knots), sign * (distance + SPACE))
     moved = flat[chosen].copy()
     moved[..., along] += np.interp(moved[..., 1 - along], knots, shift)
