@@ -146,7 +146,7 @@ def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[Vi
 
 
 def views_of_turn(views: Sequence[View], count: int, turn: int, *, seed: int) -> list[View]:
-    """``count`` of these views: each epoch comes to all of them, in another order.
+    """``count`` of these views: each epoch visits all of them, in a new order.
 
     The views are taken by azimuth, one of each ``count``-th part of the circle, so that a step
     looks at the vehicle from all around.  Seeded by the epoch: a turn is known by its number.

@@ -1,4 +1,4 @@
-"""What a step of the attack comes to; ``log.jsonl`` holds it line by line under the same names."""
+"""The record of a step of the attack; ``log.jsonl`` holds it line by line under the same names."""
 
 from __future__ import annotations
 

@@ -30,8 +30,8 @@ Tau = Annotated[
 Preset = Annotated[
     str,
     typer.Option(
-        help="best (the strongest natural result for the time) or paper (its setting): for the "
-        "flags that are not given.",
+        help="Values of flags that are not given: best (the strongest natural result for the time) "
+        "or paper (the paper's setting).",
         rich_help_panel=STRENGTH,
     ),
 ]

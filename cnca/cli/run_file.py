@@ -60,6 +60,6 @@ Config = Annotated[
         "--config",
         callback=_read,
         is_eager=True,
-        help="YAML file with flags, such as seed: 1; flags that are given go before it.",
+        help="YAML file with flags, such as seed: 1; flags that are given override it.",
     ),
 ]

@@ -99,8 +99,8 @@ class _Sum(torch.autograd.Function):
 def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
     """What ``work`` makes of all ``pieces``, each process doing one of them; differentiable.
 
-    All processes call this at once, each with a loss of its own to come: the gradients that they
-    get are theirs to sum (:func:`add_up`).  Fewer processes than pieces do all pieces each.
+    All processes call this at once, and each has its own loss: they sum the gradients that they
+    get (:func:`add_up`).  Fewer processes than pieces do all pieces each.
 
     Args:
         work: pieces → a tensor with a row for each, of equal shapes.
@@ -117,9 +117,9 @@ def divided(work: Callable[[slice], Tensor], pieces: int) -> Tensor:
 def calls(views: Sequence[Item], seed: int) -> list[tuple[Sequence[Item], int]]:
     """The views that are rendered in one call each, with its seed.
 
-    Alone, all together.  But in one call the noise of a view depends on the views beside it, and so
-    on the number of processes: under torchrun each has a call, and noise, of its own.  That takes
-    longer where pictures are small.
+    A single process renders all in one call.  The noise of a view then depends on the views beside
+    it, and so would depend on the number of processes: under torchrun each view has a call, and
+    noise, of its own.  That takes longer where pictures are small.
     """
     if not dist.is_initialized():
         return [(views, seed)]
@@ -136,7 +136,7 @@ def by_first(work: Callable[[], Result]) -> Result:
 
 
 def _keep_to_own_cores() -> None:
-    """Or the renderers of all processes would start as many threads as there are cores, each."""
+    """Otherwise each process would start as many threads as the machine has cores."""
     cores = sorted(os.sched_getaffinity(0))
     mine = cores[int(os.environ["LOCAL_RANK"]) :: int(os.environ["LOCAL_WORLD_SIZE"])]
     if mine:

@@ -1,4 +1,4 @@
-"""What an evaluation comes to, as records; ``results.json`` holds them under the same names."""
+"""The outcome of an evaluation, as records; ``results.json`` holds them under the same names."""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def see(
         (row, stage, weather)
         for stage in stages
         for weather in range(len(stage.shots.weathers))
-        for row in stages[0].rows  # all in one place before the next: worlds are dear to build
+        for row in stages[0].rows  # innermost, since worlds are expensive to build
     ]
     looked = []
     for row, stage, weather in parallel.share(looks):

@@ -1,4 +1,4 @@
-"""What an attack comes to, as records; ``summary.json`` holds them under the same names."""
+"""The outcome of an attack, as records; ``summary.json`` holds them under the same names."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def measure(
 
     ``before`` is what the same detector saw of the normal paint in the same views; without it there
     is no attack success rate, the share of the views with a vehicle found before (confidence of at
-    least :data:`ALARM`, IoU of at least 0.5) in which it is found no more.  The measures of
+    least :data:`ALARM`, IoU of at least 0.5) in which it is no longer found.  The measures of
     :mod:`cnca.judge.protocols` are of the vehicle's own class alone.
     """
     detections = seen.column(column)

@@ -129,7 +129,7 @@ def _meaning(results: Evidence) -> str:
     return (
         "The score of a view is the highest confidence of a detection that overlaps the vehicle's "
         "box by at least one half. The attack success rate is the share of the views with a "
-        "vehicle found in normal paint (confidence 0.25) in which it is found no more. "
+        "vehicle found in normal paint (confidence 0.25) in which it is no longer found. "
         f"The total is the mean over {len(results.detectors)} detector(s)."
     )
 

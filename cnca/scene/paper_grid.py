@@ -89,8 +89,8 @@ def grid_shots(
 def balanced_cells(levels: tuple[int, ...], count: int, seed: int) -> Int[np.ndarray, "count axes"]:
     """``count`` different cells in which the levels of each axis come equally often, ± 1.
 
-    A Latin hypercube over the levels; a cell that comes twice exchanges its level of the last axis
-    but one with another's, where that makes two new ones.  Sorted; all cells where ``count`` is
+    A Latin hypercube over the levels; a cell that occurs twice swaps its level of the last axis
+    but one with another cell, where that makes two new ones.  Sorted; all cells where ``count`` is
     their number or more.
     """
     total = int(np.prod(levels))

@@ -19,7 +19,7 @@ def objective_names() -> list[str]:
 
 
 def load_objective(spec: str, *, full_overlap: float | None = None) -> Objective:
-    """Return the objective called ``spec``; ``full_overlap`` goes before its own value.
+    """Return the objective called ``spec``; ``full_overlap`` overrides its own value.
 
     Raises RunError for an unknown name, or an attribute that is no objective.
     """

@@ -113,7 +113,7 @@ class Studio:
         self.mask = self.renderer.vehicle_mask([case.view])[0] == 1
 
     def plan(self, demand: Demand) -> EffectPlan:
-        """What the demand comes to in this case."""
+        """The plan that meets the demand in this case."""
         case = self.case
         return self.renderer.plan(
             LinearTexture(case.albedo), [case.view], case.weather, demand=demand

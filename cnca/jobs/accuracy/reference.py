@@ -53,7 +53,7 @@ class Bench:
         self.label = build.vehicle_label(detector.class_names, scene.vehicle.label)
 
     def plan(self, demand: Demand) -> EffectPlan:
-        """What the demand comes to here."""
+        """The plan that meets the demand in this scene."""
         return self.renderer.plan(self.albedo, [self.view], self.weather, demand=demand)
 
     def shoot(

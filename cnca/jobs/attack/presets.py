@@ -1,6 +1,6 @@
 """Settings that belong together, by name: what ``--preset`` gives where no flag says otherwise.
 
-Plain data, as the flags of ``cnca optimize`` are called; every flag that is given goes before it.
+Plain data, as the flags of ``cnca optimize`` are called; every flag that is given overrides it.
 """
 
 from __future__ import annotations

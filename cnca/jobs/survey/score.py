@@ -1,4 +1,4 @@
-"""What a survey's answers come to: scores by source with intervals, and tests of the differences.
+"""The outcome of a survey: scores by source with intervals, and tests of the differences.
 
 The unit is the participant: all that is compared are the means of each participant's answers over
 the pictures of a source.
@@ -65,7 +65,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class SurveyScores:
-    """What a survey comes to; ``score.json`` holds it."""
+    """The outcome of a survey; ``score.json`` holds it."""
 
     survey: str
     question: str
