@@ -68,7 +68,7 @@ def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
         demand=Demand(forced={"gradient": "off", "surroundings": "geometry"}),
         worlds=lambda _: world,
     )
-    views = [_driver(rng) if k % 2 else _orbit(rng) for k in range(VIEWS)]
+    views = [driver(rng) if k % 2 else _orbit(rng) for k in range(VIEWS)]
     boxes = [_boxes(renderer, view) for view in views]
     for _ in range(WEATHERS):
         weather = _weather(rng)
@@ -98,7 +98,7 @@ def _extent(mask: np.ndarray) -> tuple[float, float, float, float]:
     return float(columns[0]), float(rows[0]), columns[-1] + 1.0, rows[-1] + 1.0
 
 
-def _driver(rng: np.random.Generator) -> View:
+def driver(rng: np.random.Generator) -> View:
     """From a driver's or a lorry's height, on the road before or behind the vehicle."""
     height, width = SIZE
     ahead = rng.random() < 0.5
