@@ -34,9 +34,12 @@ def train_builtin(request: DetectorRequest, *, resume: bool) -> DetectorReport:
     if request.held_out and request.frames is None:
         raise DetectorError("--held-out: names frames; give --frames, too")
     out, template = request.out / request.kind, TRAINED[request.kind]
-    settings = Settings(request.epochs, request.batch, request.seed)
+    settings = Settings(request.epochs, request.batch, request.seed, fine_tune=request.fine_tune)
     TrainingLoop(out, request.seed, resume)  # refuses before anything is rendered
-    inputs = [template if template.is_file() else template / "config.json"]
+    of_folder = template / "config.json", template / "model.safetensors"
+    of_file = template, template.with_suffix(".safetensors")
+    configuration, weights = of_file if template.is_file() else of_folder
+    inputs = [configuration, weights] if request.fine_tune else [configuration]
     if request.frames is not None:
         inputs += sorted(file for file in request.frames.glob("*/*") if file.is_file())
     asked = {key: value for key, value in asdict(request).items() if key != "out"}

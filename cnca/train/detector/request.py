@@ -24,6 +24,9 @@ class DetectorRequest:
     held_out: Annotated[
         tuple[str, ...], Flag("Frames whose names begin so are for testing; repeatable.")
     ] = ()
+    fine_tune: Annotated[
+        bool, Flag("Begin with the shipped weights and take smaller steps.", STRENGTH)
+    ] = False
     epochs: Annotated[int, Flag("Passes over the pictures.", STRENGTH)] = 25
     batch: Annotated[int, Flag("Pictures in a step.", STRENGTH)] = 16
     seed: Annotated[int, Flag("Seed of everything random.", STRENGTH)] = 0
