@@ -166,7 +166,7 @@ def demo(
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     # Views that come back soon: the first look at one in a street takes longer than the step.
-    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=6, view_pool=96)
+    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=8, view_pool=32)
     request = Request(
         DEMO_SCENE,
         out,
@@ -176,7 +176,7 @@ def demo(
         held_out_views=16,
         resume=resume,
     )
-    request = under_preset(request, but=["minutes", "views_per_step"])
+    request = under_preset(request, but=["minutes", "views_per_step", "view_pool"])
     run_attack(request)
 
 

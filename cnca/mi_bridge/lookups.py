@@ -57,6 +57,8 @@ class LookupRenderer:
         Raises TextureError as :class:`cnca.mi_bridge.renderer.MitsubaRenderer` does.
         """
         refuse_bad_texture(albedo.detach(), self.kept.renderer.texture_size)
+        for view in views:  # all of them first: shading lets a traced world go
+            self.kept.background(view, weather)
         pictures = [self.picture(view, weather, albedo) for view in views]
         return self._draw(albedo, pictures, views[0])
 
