@@ -28,7 +28,7 @@ from cnca.attack.best import Best, Validation
 from cnca.attack.jitter import jittered
 from cnca.attack.parts import Attack
 from cnca.attack.records import StepRecord, step_record
-from cnca.attack.settings import WEATHERS, Settings
+from cnca.attack.settings import Settings
 from cnca.attack.targets import (
     look,
     readings,
@@ -136,11 +136,12 @@ def draw_pool(scene: Scene, settings: Settings) -> Callable[[int], tuple[list[Vi
         raise RunError(
             f"views_per_step is {count}: give each of the {parallel.count()} processes at least one"
         )
-    in_weather, weathers = draw_blocks(scene, settings.pool_size, WEATHERS, seed=settings.seed)
+    blocks, seed = settings.weathers, settings.seed
+    in_weather, weathers = draw_blocks(scene, settings.pool_size, blocks, seed=seed)
 
     def step_views(step: int) -> tuple[list[View], Weather]:
-        turn, k = divmod(step, WEATHERS)
-        return views_of_turn(in_weather[k], count, turn, seed=settings.seed + k), weathers[k]
+        turn, k = divmod(step, blocks)
+        return views_of_turn(in_weather[k], count, turn, seed=seed + k), weathers[k]
 
     return step_views
 

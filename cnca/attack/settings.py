@@ -83,9 +83,14 @@ class Settings:
         return BOUNDS[variable] if self.tau is None else self.tau
 
     @property
+    def weathers(self) -> int:
+        """Number of weathers that the steps take in turn; fewer where the pool is small."""
+        return min(WEATHERS, max(1, self.view_pool // self.views_per_step))
+
+    @property
     def pool_size(self) -> int:
         """Number of views that the steps come back to: enough for one step in each weather."""
-        return max(self.view_pool, WEATHERS * self.views_per_step)
+        return max(self.view_pool, self.weathers * self.views_per_step)
 
     def step_size(self, step: int) -> float:
         """The step size of step 0, 1, …, ``steps`` − 1."""

@@ -166,7 +166,7 @@ def demo(
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     # Views that come back soon: the first look at one in a street takes longer than the step.
-    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=8, view_pool=32)
+    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=8, view_pool=48)
     request = Request(
         DEMO_SCENE,
         out,

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from cnca.attack.loop import optimize, start
 from cnca.attack.parts import Attack
-from cnca.attack.settings import WEATHERS, Settings
+from cnca.attack.settings import Settings
 from cnca.core import parallel
 from cnca.core.run_folder import RunFolder
 from cnca.jobs.attack.request import JOB, Request
@@ -21,9 +21,6 @@ LEAST, MOST = 8, 400
 """Steps below which no attack comes far, and above which more bring nothing."""
 ATTACKING = 0.7
 """Share of the minutes that the steps get; preparation and verdict take the rest."""
-MEASURED = (0, 1, WEATHERS, WEATHERS)
-"""The first step, one in a new weather, one on new views in a known one, and that once more."""
-
 
 def recorded(request: Request) -> Request:
     """The request with the number of steps that its folder was begun with, where it was."""
@@ -65,16 +62,17 @@ def steps_within(budget: float, seconds: Sequence[float], settings: Settings) ->
 
 def step_counts(settings: Settings) -> tuple[int, int, int, int]:
     """How many steps are the first, in a new weather, on new views in a known one, and neither."""
-    turns = -(-settings.pool_size // (WEATHERS * settings.views_per_step))
-    weathers = min(settings.steps, WEATHERS)
-    met = min(settings.steps, WEATHERS * turns)
+    turns = -(-settings.pool_size // (settings.weathers * settings.views_per_step))
+    weathers = min(settings.steps, settings.weathers)
+    met = min(settings.steps, settings.weathers * turns)
     return 1, weathers - 1, met - weathers, settings.steps - met
 
 
 def measure_steps(attack: Attack, settings: Settings) -> list[float]:
     """Seconds of each kind of step; what renderers keep of them serves the run as well."""
     seconds: list[float] = []
-    for step in MEASURED:
+    # The first step, one in a new weather, one on new views in a known one, and that once more.
+    for step in (0, 1, settings.weathers, settings.weathers):
         once = replace(settings, steps=step + 1, check_every=0, patience=0)
         progress = replace(start(attack, once), step=step)
         optimize(attack, once, progress, lambda _, record: seconds.append(record.seconds_total))

@@ -25,7 +25,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "decay": True,
         "jitter": True,
         "views_per_step": 12,
-        "view_pool": 48,
+        "view_pool": 96,
         "backend": "cached",
         "minutes": 10.0,
     },

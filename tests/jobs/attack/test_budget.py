@@ -62,11 +62,16 @@ def test_times_that_are_none(request_, minutes):
         replace(request_, minutes=minutes)
 
 
-def test_measured_steps_are_of_each_kind():
-    counts = [budget.step_counts(replace(SETTINGS, steps=step + 1)) for step in budget.MEASURED]
-    assert [c[0] + c[1] for c in counts[:2]] == [1, 2]
-    assert counts[2][2] == 1
-    assert WEATHERS in budget.MEASURED
+def test_steps_are_counted_by_what_they_meet():
+    settings = replace(SETTINGS, views_per_step=8, view_pool=256, steps=40)
+    assert budget.step_counts(settings) == (1, WEATHERS - 1, WEATHERS, 40 - 2 * WEATHERS)
+
+
+def test_a_small_pool_has_few_weathers():
+    settings = replace(SETTINGS, views_per_step=8, view_pool=48, steps=40)
+    assert (settings.weathers, settings.pool_size) == (6, 48)
+    assert budget.step_counts(settings) == (1, 5, 0, 34)
+    assert replace(settings, view_pool=1).weathers == 1
 
 
 def test_every_preset_makes_a_request(request_):

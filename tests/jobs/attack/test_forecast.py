@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cnca.attack.loop import draw_pool
-from cnca.attack.settings import WEATHERS, Settings
+from cnca.attack.settings import Settings
 from cnca.jobs.attack import run
 from cnca.jobs.attack.forecast import Forecast, Part, forecast, step_counts, textures_of
 from cnca.report import MEANING
@@ -31,7 +31,7 @@ def test_kinds_of_steps_are_counted_as_the_loop_meets_them(steps, views, pool):
         weathers.add(weather)
         met.update(own)
     assert step_counts(settings) == tuple(counts)
-    assert len(weathers) == min(steps, WEATHERS)
+    assert len(weathers) == min(steps, settings.weathers)
 
 
 def test_seconds_are_summed():
