@@ -22,6 +22,7 @@ LEAST, MOST = 8, 400
 ATTACKING = 0.7
 """Share of the minutes that the steps get; preparation and verdict take the rest."""
 
+
 def recorded(request: Request) -> Request:
     """The request with the number of steps that its folder was begun with, where it was."""
     folder = RunFolder(request.out, JOB)
