@@ -104,6 +104,12 @@ def test_every_file_stands_in_a_room():
     assert outside | {"build.py"} == TOP
 
 
+def test_every_folder_of_modules_is_a_package():
+    """Others run from a checkout, and are missing in a wheel."""
+    folders = {file.parent for file in _files()}
+    assert [folder for folder in folders if not (folder / "__init__.py").exists()] == []
+
+
 @pytest.mark.parametrize(
     ("path", "source", "offence"),
     [
