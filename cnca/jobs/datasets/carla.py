@@ -29,6 +29,9 @@ from cnca.scene.load_scene import load_scene
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.outline import fit_lift, outline_distances, photographed_silhouette, silhouette
 
+MOST_PIXELS = 3.0
+"""Median distance between drawn and photographed outline from which a frame is left out."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -85,7 +88,8 @@ def import_carla(
         One record for each frame.
 
     Raises:
-        RunError: there is no frame in ``folder``, or ``out`` holds a data set of other frames.
+        RunError: there is no frame in ``folder``, or none that the vehicle meets, or ``out`` holds a
+            data set of other frames.
         SceneError: a file is no frame.
     """
     sources = sorted(folder.glob("*.npz"))
@@ -107,10 +111,25 @@ def import_carla(
                 continue
             picture = np.rint(frame.image * 255).astype(np.uint8)
             write_png(data.path("outlines", index), draw_outline(picture, fit.mask))
+            if fit.outline.median > MOST_PIXELS:
+                records.append(FrameProblem(source.name, _hopeless(frame, fit)))
+                continue
             records.append(_record(source.name, frame, fit))
             data.add(index, picture, fit.mask, records[-1])
     data.finish(tar=False)
+    if all(isinstance(record, FrameProblem) for record in records):
+        first = records[0]
+        assert isinstance(first, FrameProblem)
+        raise RunError(f"{folder}: the vehicle meets no frame; {first.source}: {first.problem}")
     return records
+
+
+def _hopeless(frame: CarlaFrame, fit: Fit) -> str:
+    """Why a frame is left out whose outline meets nothing."""
+    cause = "check the field of view, and that cam_trans is relative to the vehicle's location"
+    if np.abs(frame.camera[1]).max() <= 2 * np.pi:
+        cause = "the camera's angles look like radians; CARLA's are degrees"
+    return f"the outline lies {fit.outline.median:.1f} px from the photograph's; {cause}"
 
 
 def fit_frame(vehicle: Vehicle, frame: CarlaFrame, *, fov: float, name: str) -> Fit:

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from cnca.core.color import srgb_to_linear
 from cnca.core.errors import RunError, SceneError
 from cnca.core.types import Boxes, LinearImages, LinearTexture, SrgbImages
-from cnca.jobs.datasets.carla import fit_frame
+from cnca.jobs.datasets.carla import MOST_PIXELS, fit_frame
 from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import Arrays, digest, recall
 from cnca.judge.records import FrameFit, OutlineDistance
@@ -30,9 +30,6 @@ from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
 from cnca.scene.protocols import Renderer
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Vehicle
-
-MOST_PIXELS = 3.0
-"""Median distance between drawn and photographed outline from which a frame is left out."""
 
 
 @runtime_checkable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from cnca.scene.shipped import scene_file
 from cnca.vehicle.mesh.checkup import SCENE_ENDINGS, check, mended
 from cnca.vehicle.mesh.finding import Finding
 from cnca.vehicle.mesh.load_mesh import BUILTIN
-from cnca.vehicle.mesh.pieces import read_pieces, sound
+from cnca.vehicle.mesh.pieces import as_made_of, paint_picture, read_pieces, sound
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.skin import Skin
 from cnca.vehicle.uv.uv_checkup import overlaps, skin_with_uvs
@@ -40,6 +40,7 @@ SHOWN, TEXELS = 448, 1024
 SAMPLES = 32
 GREY, DOUBLED, EMPTY = 0.7, (0.9, 0.1, 0.1), (0.1, 0.1, 0.1)
 EXAMPLE = "builtin:sedan_clear"
+OWN_PICTURE = "base_texture.png"
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ def check_vehicle(mesh: str, out: Path | None, **given: object) -> Checkup:
         vehicle=keys | {"mesh": section.mesh},
     )
     if out is not None:
+        report = _with_own_picture(report, proposed, scene.base, out)
         write_png(out / "vehicle.png", _sheet(section, proposed, scene.base, findings))
         write_json(out / "vehicle.json", report.content())
         if proposed.unwrap:
@@ -129,6 +131,19 @@ def _sheet(
     as_proposed = " (as mended)" if any(finding.keys for finding in findings) else ""
     pictures += _views(vehicle)
     return side_by_side(pictures, [*captions, "shape" + as_proposed, "checker" + as_proposed])
+
+
+def _with_own_picture(report: Checkup, proposed: VehicleSection, base: Path, out: Path) -> Checkup:
+    """The file's own picture as base texture, where its UVs stay and it has none."""
+    builtin = proposed.mesh.startswith(BUILTIN)
+    if builtin or proposed.unwrap or proposed.base_texture:
+        return report
+    picture = paint_picture(as_made_of(sound(read_pieces(proposed, base)), proposed))
+    if picture is None:
+        return report
+    write_png(out / OWN_PICTURE, np.asarray(picture, np.uint8))
+    path = Path(os.path.relpath(out / OWN_PICTURE, base)).as_posix()
+    return replace(report, vehicle={**report.vehicle, "base_texture": path})
 
 
 def _write_layout(path: Path, proposed: VehicleSection, base: Path) -> None:

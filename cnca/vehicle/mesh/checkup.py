@@ -14,7 +14,15 @@ from cnca.scene.schema import VehicleSection
 from cnca.vehicle.mesh.finding import Finding, Severity, as_yaml, listed
 from cnca.vehicle.mesh.load_mesh import BUILTIN, resolve_vehicle
 from cnca.vehicle.mesh.makeup import check_materials
-from cnca.vehicle.mesh.pieces import OURS, Piece, as_made_of, read_pieces, sound, turned
+from cnca.vehicle.mesh.pieces import (
+    OURS,
+    Piece,
+    as_made_of,
+    paint_picture,
+    read_pieces,
+    sound,
+    turned,
+)
 from cnca.vehicle.mesh.sight import Sight, look_around
 from cnca.vehicle.mesh.standing import check_axes, check_place
 from cnca.vehicle.mesh.surface import face_crosses
@@ -93,6 +101,11 @@ def _texture(
         return
     mask = read_mask(base / section.paint_mask) if section.paint_mask else None
     use = measure_uvs(pieces, sight, mask)
+    if not section.base_texture and paint_picture(pieces) is not None:
+        number = "the file has a picture of what it paints"
+        yield Finding(
+            "note", "base_texture", number, "cnca check-vehicle --out writes and names it"
+        )
     command = reorder_command(section, base, source)
     # New UVs would leave behind what is drawn on the file's own: reorder-uv carries it over.
     unwrap = {} if drawn else {"unwrap": True}

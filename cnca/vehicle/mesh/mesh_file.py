@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
+from PIL import Image
 
 from cnca.core.errors import MeshError, did_you_mean
 from cnca.vehicle.mesh.finder import Finder
@@ -21,7 +22,9 @@ from cnca.vehicle.mesh.obj import read_obj
 from cnca.vehicle.model import Part
 
 GLTF = (".gltf", ".glb")
-EXTENSIONS = (".obj", ".ply", *GLTF)
+EXTENSIONS = (".obj", ".ply", ".stl", *GLTF)
+CONVERTED = (".3ds", ".abc", ".blend", ".dae", ".fbx", ".max", ".usd", ".usda", ".usdc", ".usdz")
+"""What modelling programs turn into glTF; Blender, which is free, reads all of it but .max."""
 FARTHEST = 1e9
 """Metres from the origin: what lies beyond overflows sooner or later."""
 UV_TOLERANCE = 1e-3
@@ -36,6 +39,8 @@ def read_meshes(path: Path, finder: Finder | None = None) -> trimesh.Scene:
     extension = path.suffix.lower()
     if extension not in EXTENSIONS:
         hint = did_you_mean(extension, EXTENSIONS)
+        if extension in CONVERTED:
+            hint = "; open it in Blender and choose File, Export, glTF 2.0"
         raise MeshError(f"{path}: not one of {', '.join(EXTENSIONS)}{hint}")
     if not os.path.isfile(path):  # also of names that no system takes
         raise MeshError(f"{path}: no such file; paths start at the scene file's folder")
@@ -120,6 +125,13 @@ def read_part(
         uvs=_uvs(path, name, mesh, kept) if textured else None,
     )
     return part, kept
+
+
+def own_picture(mesh: trimesh.Trimesh) -> Image.Image | None:
+    """The picture of the base color that the file names or holds, where it lies."""
+    material = getattr(mesh.visual, "material", None)
+    picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    return picture if isinstance(picture, Image.Image) else None
 
 
 def given_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "vertices 3"] | None:

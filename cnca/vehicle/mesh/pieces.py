@@ -9,11 +9,18 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
+from PIL import Image
 
 from cnca.core.errors import MeshError
 from cnca.scene.schema import VehicleSection
 from cnca.vehicle.mesh.load_mesh import BUILTIN, resolve_vehicle, to_our_axes
-from cnca.vehicle.mesh.mesh_file import file_uvs, given_normals, material_name, read_meshes
+from cnca.vehicle.mesh.mesh_file import (
+    file_uvs,
+    given_normals,
+    material_name,
+    own_picture,
+    read_meshes,
+)
 from cnca.vehicle.mesh.names import material_kinds
 from cnca.vehicle.mesh.surface import face_crosses
 
@@ -36,6 +43,8 @@ class Piece:
     uvs: Float[np.ndarray, "vertices 2"] | None
     groups: tuple[str, ...] = ()
     """Names of the file's objects that it was put together from, where that is known."""
+    picture: Image.Image | None = None
+    """The file's own, of the base color."""
 
     @property
     def triangles(self) -> Float[np.ndarray, "faces 3 3"]:
@@ -86,8 +95,26 @@ def _piece(node: str, scene: trimesh.Scene) -> Piece:
         faces=faces,
         normals=None if normals is None else normals @ np.linalg.pinv(matrix[:3, :3]),
         uvs=file_uvs(mesh),
+        picture=own_picture(mesh),
         groups=tuple(mesh.metadata.get("groups", ())),
     )
+
+
+def paint_picture(pieces: Sequence[Piece]) -> Image.Image | None:
+    """The one picture of the file that all painted pieces wear; None where there is none, or more.
+
+    One that cannot be decoded is none.
+    """
+    pictures = {_name(piece.picture): piece.picture for piece in pieces if piece.kind == "paint"}
+    picture = next(iter(pictures.values())) if len(pictures) == 1 else None
+    try:
+        return None if picture is None else picture.convert("RGB")
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        return None
+
+
+def _name(picture: Image.Image | None) -> object:
+    return picture and (picture.info.get("file_path") or id(picture))
 
 
 def sound(pieces: Sequence[Piece]) -> list[Piece]:

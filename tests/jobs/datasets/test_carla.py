@@ -77,6 +77,19 @@ def test_frames_without_the_vehicle_are_named(tmp_path, scene):
     assert isinstance(bad, FrameProblem)
 
 
+@pytest.mark.skipif(not FRAMES.is_dir(), reason="needs ../shared/data/carla")
+def test_poses_in_radians_are_named(tmp_path):
+    if not (ROOT / "../shared/data/etron").is_dir():
+        pytest.skip("needs ../shared/data/etron")
+    stored = dict(np.load(min(FRAMES.glob("*.npz"))))
+    stored["cam_trans"] = stored["cam_trans"].copy()
+    stored["cam_trans"][1] = np.radians(stored["cam_trans"][1])
+    (tmp_path / "frames").mkdir()
+    np.savez(tmp_path / "frames/a.npz", **stored)
+    with pytest.raises(RunError, match=r"meets no frame; a\.npz"):
+        run(tmp_path / "frames", tmp_path / "out", ROOT / "scenes/etron_carla.yaml")
+
+
 def test_frames_of_another_folder_do_not_mix_with_those_of_a_data_set(tmp_path, scene):
     write_frame(tmp_path / "a.npz", yaw=30)
     run(tmp_path, tmp_path / "out", scene)

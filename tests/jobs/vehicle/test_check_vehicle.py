@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 from cnca.cli import app
@@ -85,3 +86,33 @@ def test_what_is_used_twice_is_marked():
     twice = skin_with_uvs([paint, replace(paint, vertices=paint.vertices + (10, 0, 0))])
     covered = np.abs(np.linalg.det(skin.corners[:, 1:] - skin.corners[:, :1])).sum() / 2
     assert overlaps(twice, 256).mean() == pytest.approx(covered, rel=0.1)
+
+
+def test_the_file_s_own_picture_becomes_the_base_texture(tmp_path, monkeypatch):
+    """Named by the MTL; upright, and only where its UVs stay."""
+    monkeypatch.setattr(module, "_sheet", lambda *_: np.zeros((2, 2, 3), np.uint8))
+    car = load_vehicle(CAR, up="z")
+    write_obj(tmp_path / "car.obj", car)
+    text = (tmp_path / "car.obj").read_text()
+    (tmp_path / "car.obj").write_text("mtllib car.mtl\n" + text)
+    (tmp_path / "car.mtl").write_text("newmtl paint\nmap_Kd body.png\n")
+    cv2.imwrite(str(tmp_path / "body.png"), np.array([[[0, 0, 255]], [[255, 0, 0]]], np.uint8))
+    out = tmp_path / "out"
+    report = check_vehicle(str(tmp_path / "car.obj"), out, up="z")
+    scene = load_scene(out / "scene.yaml")
+    assert Path(str(report.vehicle["base_texture"])).name == module.OWN_PICTURE
+    written = cv2.imread(str(scene.base / str(scene.vehicle.base_texture)))
+    assert written[:, 0].tolist() == [[0, 0, 255], [255, 0, 0]]
+
+
+@pytest.mark.parametrize("ending", ["dae", "usdz", "fbx"])
+def test_other_formats_are_told_the_way_to_convert(tmp_path, ending):
+    (tmp_path / f"car.{ending}").write_bytes(b"x")
+    with pytest.raises(MeshError, match="open it in Blender and choose File, Export, glTF"):
+        check_vehicle(str(tmp_path / f"car.{ending}"), None)
+
+
+def test_stl_is_read(tmp_path):
+    trimesh.creation.box((4.5, 1.8, 1.4)).export(tmp_path / "car.stl")
+    report = check_vehicle(str(tmp_path / "car.stl"), None, up="z")
+    assert report.vehicle["unwrap"] is True
