@@ -88,8 +88,8 @@ def import_carla(
         One record for each frame.
 
     Raises:
-        RunError: there is no frame in ``folder``, or none that the vehicle meets, or ``out`` holds a
-            data set of other frames.
+        RunError: there is no frame in ``folder``, or none that the vehicle meets, or ``out`` holds
+            a data set of other frames.
         SceneError: a file is no frame.
     """
     sources = sorted(folder.glob("*.npz"))
