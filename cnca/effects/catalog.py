@@ -10,6 +10,7 @@ from cnca.effects.daylight import SkyEffect, SunEffect
 from cnca.effects.effect import Effect, Model
 from cnca.effects.estimate import GradientEffect, SamplesEffect
 from cnca.effects.fog import FogEffect
+from cnca.effects.lamps import LampsEffect
 from cnca.effects.subject import Contents
 from cnca.effects.surfaces import GlassEffect, InterreflectionEffect, MaterialsEffect
 from cnca.effects.world import SurroundingsEffect
@@ -19,6 +20,7 @@ _ALL: tuple[Effect, ...] = (
     SunEffect(),
     SkyEffect(),
     SurroundingsEffect(),
+    LampsEffect(),
     InterreflectionEffect(),
     CausticsEffect(),
     MaterialsEffect(),

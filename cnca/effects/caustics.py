@@ -1,4 +1,4 @@
-"""Caustics: the sun, focused by lacquer and chrome onto matt surfaces."""
+"""Caustics: sun and lamps, focused by lacquer and chrome onto matt surfaces."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class CausticsEffect(Effect):
     priced = ("regularised",)
 
     def present(self, subject: Subject) -> tuple[Model, ...]:
-        """None without a sun."""
-        return self.models if subject.has_sun else self.models[:1]
+        """None without a sun and without lamps."""
+        return self.models if subject.has_sun or _lamps(subject) else self.models[:1]
 
     def work(self, model: Model) -> dict[str, float]:
         """One comparison at each reflection: its time is part of the rays'."""
@@ -36,9 +36,13 @@ class CausticsEffect(Effect):
 
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """How much of them is there."""
-        if not subject.has_sun:
+        if not (subject.has_sun or _lamps(subject)):
             return "no sun that could be focused"
         if model == "kept":
             return "all of them, with the specks of those that few paths find"
         much = "no brighter than white matt card" if model == "off" else "up to a bound"
         return f"{much}; {left_out(error)}" if error else much
+
+
+def _lamps(subject: Subject) -> bool:
+    return subject.weather.lamps_lit and subject.amounts.get("lamps", 0) > 0

@@ -13,6 +13,7 @@ from cnca.mi_bridge.fog import FogField, solve_fog
 from cnca.mi_bridge.fog_layer import FogLayer
 from cnca.mi_bridge.forward import ForwardShare
 from cnca.mi_bridge.light import lambertian_white, make_light
+from cnca.mi_bridge.night import exposure_at_night
 from cnca.mi_bridge.sky import Sky
 from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import mi
@@ -31,6 +32,16 @@ class Atmosphere:
     """Radiance of white card at the vehicle, of which exposure is the inverse."""
     sun: Float[np.ndarray, "3"]
     """Irradiance of the direct sun at the vehicle."""
+    unit: float
+    """Of these and all other light here, in W/m²/nm/sr: 1 is white card above the fog."""
+    altitude: float
+    """Of the sun, degrees."""
+    lamps: bool = False
+    """Whether a world's lamps are on."""
+
+    def exposed_white(self, white: float) -> float:
+        """Radiance that is shown as 1 where white card has ``white``: more at night."""
+        return white / exposure_at_night(white * self.unit, self.altitude)
 
 
 def make_atmosphere(
@@ -43,6 +54,7 @@ def make_atmosphere(
     panes: bool,
     forward: Callable[[float], ForwardShare] | None,
     ground: mi.Shape | None,
+    lamps: bool = False,
 ) -> Atmosphere:
     """Bake the light of a weather.
 
@@ -52,12 +64,14 @@ def make_atmosphere(
         fog: model of :func:`cnca.mi_bridge.fog.solve_fog`.
         panes: whether some of the vehicle's geometry lets light pass.
         forward: asymmetry of the droplets → share of scattered light that comes from the vehicle.
+        lamps: whether a world's are on.
         ground: open ground, which shows the lower half of a measured sky.
     """
     light = make_light(weather, ground_albedo)
     above = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
     # From here on white is 1, or float32 would lose the last of dusk and a sun of 10³⁰.
-    light = light.scaled(1 / above if above > 0 else 1.0)
+    unit = above if above > 0 else 1.0
+    light = light.scaled(1 / unit)
     above_fog = Sky(
         light,
         has_map=weather.sky_scale > 0,
@@ -70,13 +84,13 @@ def make_atmosphere(
         ground_albedo = light.ground_albedo
     layer = weather.fog
     if layer is None or layer.height == 0:
-        return Atmosphere(around, 1.0, light.sun_irradiance)
+        return Atmosphere(around, 1.0, light.sun_irradiance, unit, weather.sun_altitude, lamps)
     field = solve_fog(layer, light, ground_albedo, fog)
     radiance, direct = _at_height(field, 1.0)
     white = lambertian_white(radiance, direct, light.sun_direction)
     share = forward(layer.asymmetry) if fog == "field" and forward else None
     around.fog = FogLayer(layer, field, above_fog, share)
-    return Atmosphere(around, max(white, DARKEST), direct)
+    return Atmosphere(around, max(white, DARKEST), direct, unit, weather.sun_altitude, lamps)
 
 
 def _at_height(

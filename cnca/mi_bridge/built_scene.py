@@ -71,16 +71,21 @@ class BuiltScene:
     def lit(
         self, chosen: EffectPlan, views: Sequence[View], rung: str
     ) -> tuple[Geometry, Surroundings, float]:
-        """What the paths of these pictures walk through, and the radiance of white card there.
+        """What the paths of these pictures walk through, and the radiance that is shown as 1.
 
         Args:
             rung: how much of a world takes part, unless the plan's demand says.
         """
         self.wear(str(chosen["materials"]), str(chosen["glass"]))
         atmosphere = self.atmosphere(
-            chosen.weather, str(chosen["sun"]), str(chosen["sky"]), str(chosen["fog"])
+            chosen.weather,
+            str(chosen["sun"]),
+            str(chosen["sky"]),
+            str(chosen["fog"]),
+            str(chosen["lamps"]),
         )
-        geometry, around, white = self.geometry, atmosphere.surroundings, atmosphere.white
+        geometry, around = self.geometry, atmosphere.surroundings
+        white = atmosphere.exposed_white(atmosphere.white)
         if self.worlds is not None:
             rung = str(chosen.demand.forced.get("surroundings", rung))
             geometry, around, white = self.worlds.light(one_spot(views), atmosphere, rung)
@@ -90,7 +95,9 @@ class BuiltScene:
         """The light of a world without the vehicle, seen from its middle, and white card there."""
         assert self.worlds is not None
         weather = replace(weather, fog=None)  # as plain shading has it
-        return self.worlds.kept_light(spot, self.atmosphere(weather, "direction", "map", "none"))
+        lamps = "sampled" if weather.lamps_lit else "off"
+        atmosphere = self.atmosphere(weather, "direction", "map", "none", lamps)
+        return self.worlds.kept_light(spot, atmosphere)
 
     def traced(self, views: Sequence[View]) -> Geometry:
         """The vehicle with all that stands around it in these views."""
@@ -104,7 +111,9 @@ class BuiltScene:
         assert self._make_world is not None
         return Sightings(self._make_world(spot))
 
-    def _make_atmosphere(self, weather: Weather, sun: str, sky: str, fog: str) -> Atmosphere:
+    def _make_atmosphere(
+        self, weather: Weather, sun: str, sky: str, fog: str, lamps: str
+    ) -> Atmosphere:
         return make_atmosphere(
             weather,
             self._ground_albedo,
@@ -114,4 +123,5 @@ class BuiltScene:
             panes=self.geometry.has_panes,
             forward=partial(self._forward_share, self.geometry) if self._has_vehicle else None,
             ground=self.geometry.ground if self._make_world is None else None,
+            lamps=lamps == "sampled",
         )

@@ -54,6 +54,13 @@ class FogLayer:
         above = dr.clip(self.height - z, 0, self.height)
         return dr.exp(-self.sigma_t * above / dr.maximum(d.z, 1e-4))
 
+    def transmittance_between(self, p: mi.Point3f, q: mi.Point3f) -> mi.Float:
+        """Share of a lamp's light that gets from one point to the other."""
+        low, high = dr.minimum(p.z, q.z), dr.maximum(p.z, q.z)
+        below = dr.clip(self.height - low, 0, high - low) / dr.maximum(high - low, 1e-4)
+        inside = dr.select(high - low > 1e-4, below, dr.select(low < self.height, mi.Float(1), 0))
+        return dr.exp(-self.sigma_t * inside * dr.norm(q - p))
+
     def segment(
         self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
     ) -> tuple[mi.Float, mi.Color3f]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cnca.core.errors import TextureError
+from cnca.mi_bridge.lamp_shapes import lamp_shapes
 from cnca.mi_bridge.variant import dr, mi
 from cnca.mi_bridge.world_shapes import holed_surfaces, make_mesh, world_shapes
 from cnca.scene.cameras import View
@@ -30,7 +31,7 @@ WORLD, HOLED, VEHICLE, PROP = range(4)
 
 
 class Geometry:
-    """The Mitsuba scene of one vehicle and its props in a world, without any emitter."""
+    """The Mitsuba scene of one vehicle and its props in a world; its only emitters are lamps."""
 
     def __init__(
         self,
@@ -86,31 +87,47 @@ class Geometry:
         self._bitmap, self._texture = texture, mi.traverse(texture)
         self._paint = bsdfs["paint"]
 
-    def _surround(self, shapes: Sequence[mi.Shape], holed: Sequence[mi.Shape] = ()) -> None:
+    def _surround(
+        self,
+        shapes: Sequence[mi.Shape],
+        holed: Sequence[mi.Shape] = (),
+        lamps: Sequence[mi.Emitter] = (),
+    ) -> None:
         around = {f"around_{i}": shape for i, shape in enumerate((*shapes, *holed))}
+        beams = [lamp for lamp in lamps if lamp.get_shape() is None]
+        around |= {f"beam_{i}": beam for i, beam in enumerate(beams)}
+        self.lamps = tuple(lamps)
         self.scene = mi.load_dict({"type": "scene", **self._shapes, **around})
         self.has_holes = bool(holed)
         self.has_panes = self._panes or self.has_holes
         self._kinds = _kinds({**self._own, HOLED: holed})
 
-    def among(self, shapes: Sequence[mi.Shape], holed: Sequence[mi.Shape] = ()) -> Geometry:
-        """The same vehicle and texture among other shapes than the ground."""
+    def among(
+        self,
+        shapes: Sequence[mi.Shape],
+        holed: Sequence[mi.Shape] = (),
+        lamps: Sequence[mi.Emitter] = (),
+    ) -> Geometry:
+        """The same vehicle and texture among other shapes than the ground, and among lamps."""
         other = copy(self)
-        other._surround(shapes, holed)
+        other._surround(shapes, holed, lamps)
         return other
 
-    def within(self, world: World) -> tuple[Geometry, Geometry]:
+    def within(self, world: World, *, lit: bool = False) -> tuple[Geometry, Geometry]:
         """The vehicle in a world whose places are seen from its middle; and the world without it.
 
+        ``lit`` says whether the world's lamps are on.
         The world's many BSDFs live as long as these: kernels made meanwhile hold the code of all.
         """
-        shapes = world_shapes(world)
+        shapes = world_shapes(world, lit=lit)
         holed = [shapes.pop(name) for name in holed_surfaces(world)]
-        solid = [*shapes.values(), *([self.ground] if world.ground else [])]
+        squares, lamps = lamp_shapes(world.lamps if lit else ())
+        lamps = lamps or [s.emitter() for s in shapes.values() if s.emitter() is not None]
+        solid = [*shapes.values(), *squares, *([self.ground] if world.ground else [])]
         bare = copy(self)
         bare._shapes, bare._own, bare._panes = {}, {}, False
-        bare._surround(solid, holed)
-        return self.among(solid, holed), bare
+        bare._surround(solid, holed, lamps)
+        return self.among(solid, holed, lamps), bare
 
     def local(self, view: View) -> View:
         """The view in this scene's axes, which start in the vehicle's middle on the ground."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cnca.mi_bridge.lamps import LampSample
 from cnca.mi_bridge.panes import MOST_PANES, pane_transmittance
 from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
@@ -54,6 +55,29 @@ def _keep(
     return [dr.select(active & (depth == place), here, kept) for place, kept in places]
 
 
+def lamplight(
+    scene: mi.Scene,
+    surroundings: Surroundings,
+    sampler: mi.Sampler,
+    si: mi.SurfaceInteraction3f,
+    active: mi.Bool,
+) -> LampSample:
+    """Light of a lamp drawn for each surface, with all shadows; there are lamps."""
+    lamps, fog = surroundings.lamps, surroundings.fog
+    assert lamps is not None
+    lamp = lamps.sample(si, sampler.next_1d(active), sampler.next_2d(active), active)
+    lit = active & (dr.max(lamp.irradiance) > 0)
+    ray = si.spawn_ray_to(lamp.p)
+    if surroundings.panes:
+        lamp.irradiance *= pane_transmittance(scene, ray, lit, lamp.p)
+    else:
+        lamp.irradiance *= dr.select(scene.ray_test(ray, active=lit), 0, mi.Float(1))
+    if fog is not None:
+        lamp.irradiance *= fog.transmittance_between(si.p, lamp.p)
+    lamp.irradiance = dr.select(lit, lamp.irradiance, 0)
+    return lamp
+
+
 @dr.syntax
 def trace(  # noqa: C901  (one kernel, as prb.py has it)
     scene: mi.Scene,
@@ -73,10 +97,11 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
         differentiable: whether to keep the reflections; the texture has 1 as its derivative then.
         lanes: paths to follow, the others stay dark; by default all.
-        reflected: whether the rays come from a surface, not from a camera.
+        reflected: whether the rays come from a surface that has sampled the lamps itself, not from
+            a camera.
     """
     sky, fog, probe = surroundings.sky, surroundings.fog, surroundings.probe
-    photo, table = surroundings.photo, surroundings.table
+    photo, table, lamps = surroundings.photo, surroundings.table, surroundings.lamps
     context = mi.BSDFContext()
     catching = photo is not None and fog is None
     longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
@@ -87,7 +112,9 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     L = mi.Color3f(0)  # gathered
     β = mi.Color3f(1)  # throughput
     caught = mi.Bool(False)  # whether the last surface was a photograph
-    pdf = mi.Float(0)  # of the direction, if the last surface sampled the sky, too; else 0
+    pdf = mi.Float(0)  # of the direction, if the last surface sampled the lights, too; else 0
+    left = mi.Point3f(ray.o)  # the last surface
+    hidden = mi.Bool(reflected)  # whether it left all light of lamps to the ray that it sent to one
     spread = mi.Bool(reflected)  # whether a surface before sent the path on in a wide lobe
     reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
     active = mi.Bool(True) if lanes is None else mi.Bool(lanes)  # lanes that still walk
@@ -121,6 +148,10 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
             Le += dr.select(escapes, β * L_sky, 0)
         else:
             Le += dr.select(escapes, β * surroundings.radiance(towards, escapes), 0)
+
+        # ---------------- lamps and glowing windows that the segment ends on ----------------
+        if dr.hint(lamps is not None, mode="scalar"):
+            Le += dr.select(hit, β * lamps.seen(si, left, pdf, hidden, hit), 0)  # type: ignore[union-attr]
 
         # ---------------- light of the sun at the surface ----------------
         active_next = hit & (depth < bounces)
@@ -175,6 +206,22 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
                     f_sky = dr.select(on_photo, f_photo * wo_sky.z, f_sky)
                 Lr += dr.select(skylit, β * f_sky * E_sky, 0)
 
+        # ---------------- light of a lamp at the surface ----------------
+        if dr.hint(lamps is not None, mode="scalar"):
+            lamp = lamplight(scene, surroundings, sampler, si, active_next)
+            lamplit = active_next & (dr.max(lamp.irradiance) > 0)
+            wo_lamp = si.to_local(lamp.d)
+            other = dr.detach(bsdf.pdf(context, si, wo_lamp, lamplit))
+            share = dr.select(lamp.density > 0, lamp.density / (lamp.density + other), 1)
+            with dr.resume_grad(when=differentiable):
+                f_lamp = bsdf.eval(context, si, wo_lamp, lamplit)
+                if dr.hint(surroundings.brightest is not None, mode="scalar"):
+                    limited = dr.minimum(f_lamp, surroundings.brightest)
+                    f_lamp = dr.select(spread, limited, f_lamp * share)
+                else:
+                    f_lamp *= share
+                Lr += dr.select(lamplit, β * f_lamp * lamp.irradiance, 0)
+
         L += Le + dr.detach(Lr)
 
         # ---------------- next segment ----------------
@@ -200,7 +247,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
         active_next &= dr.max(weight) > 0
         ray_next = si.spawn_ray(wo)
         pdf_next, caught_next = mi.Float(0), mi.Bool(False)
-        if dr.hint(table is not None, mode="scalar"):
+        if dr.hint(table is not None or lamps is not None, mode="scalar"):
             smooth = ~mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)
             pdf_next = dr.select(smooth, bs.pdf, 0)
         if dr.hint(catching, mode="scalar"):
@@ -208,6 +255,9 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
 
         β *= weight
         ray = ray_next
+        left_next, hidden_next = mi.Point3f(si.p), mi.Bool(False)
+        if dr.hint(lamps is not None and surroundings.brightest is not None, mode="scalar"):
+            hidden_next = mi.Bool(spread)
         if dr.hint(surroundings.brightest is not None, mode="scalar"):
             mirrored = mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta) | (bs.pdf >= SHARP)
             spread |= active_next & ~mirrored
@@ -219,9 +269,12 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
             # Thin glass bends no ray.
             pdf_next = dr.select(passed, pdf, pdf_next)
             caught_next = dr.select(passed, caught, caught_next)
+            left_next = dr.select(passed, left, left_next)
+            hidden_next = dr.select(passed, hidden, hidden_next)
         else:
             depth += 1
         pdf, caught = pdf_next, caught_next
+        left, hidden = left_next, hidden_next
         active = active_next
 
     return L, reflections

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cnca.mi_bridge.envmap import TurnedMap
+from cnca.mi_bridge.night import starlight, twilight
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.environment import read_environment, sky_directions, sky_solid_angles
 from cnca.scene.weather import SkyMap, Weather
@@ -23,8 +24,6 @@ from cnca.scene.weather import SkyMap, Weather
 SKY_ROWS, SKY_COLUMNS = 128, 256
 SUN_HALF_ANGLE = math.radians(0.5358 / 2)
 """Half of the sun's apparent diameter, the default of Mitsuba's ``sunsky``."""
-TWILIGHT_DECAY = 2.6
-"""Degrees below the horizon for a tenfold darkening: 700 lx at 0°, 3.4 lx at −6°."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +82,11 @@ def make_light(weather: Weather, ground_albedo: Float[np.ndarray, "3"]) -> Light
             math.sin(lifted),
         ]
     )
-    dusk = 10 ** (min(weather.sun_altitude, 0.0) / TWILIGHT_DECAY)
     sky = np.zeros((SKY_ROWS, SKY_COLUMNS, 3))
     if weather.sky_scale > 0:
         radiance = _evaluate(model_sun, weather.turbidity, above, sun_scale=0.0)
-        sky[: SKY_ROWS // 2] = weather.sky_scale * dusk * radiance
+        radiance = twilight(weather.sun_altitude) * radiance + starlight(weather.sun_altitude)
+        sky[: SKY_ROWS // 2] = weather.sky_scale * radiance
     sun = np.zeros(3)
     if weather.sun_scale > 0 and altitude > 0:
         disc = _disc(model_sun)

@@ -12,8 +12,13 @@ MOST_HOLES = 32
 
 
 @dr.syntax
-def pane_transmittance(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.Color3f:
-    """Share of light that comes along ``ray`` from infinity through panes; 0 behind all else."""
+def pane_transmittance(
+    scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool, end: mi.Point3f | None = None
+) -> mi.Color3f:
+    """Share of light that comes along ``ray`` through panes, from infinity or from its ``end``.
+
+    It is 0 behind all else.
+    """
     T = mi.Color3f(1)
     panes = mi.UInt32(0)
     active = mi.Bool(active)
@@ -23,7 +28,10 @@ def pane_transmittance(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.Co
         T = dr.select(hit, T * si.bsdf(ray).eval_null_transmission(si, hit), T)
         T = dr.select(hit & (panes == MOST_PANES), 0, T)
         active = hit & (dr.max(T) > 0)
-        ray = si.spawn_ray(ray.d)
+        if dr.hint(end is None, mode="scalar"):
+            ray = si.spawn_ray(ray.d)
+        else:
+            ray = si.spawn_ray_to(end)
         panes += 1
     return T
 

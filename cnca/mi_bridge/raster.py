@@ -16,6 +16,7 @@ from cnca.core.types import LinearTexture
 from cnca.mi_bridge.affine import AffinePicture, texel_weights
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.light import Light, lambertian_white, make_light
+from cnca.mi_bridge.night import exposure_at_night
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import Spot, View
@@ -66,6 +67,7 @@ class PlainShading:
         else:
             light = make_light(weather, renderer.ground_albedo)
             white = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
+            white /= exposure_at_night(white, weather.sun_altitude)
         return matt_white(light.scaled(exposure / white if white > 0 else exposure))
 
 

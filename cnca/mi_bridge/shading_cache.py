@@ -23,7 +23,7 @@ from cnca.mi_bridge.affine import AffinePicture, texel_weights
 from cnca.mi_bridge.backgrounds import BACKGROUND_SEED, KeptBackgrounds
 from cnca.mi_bridge.bridge import Shot
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR
-from cnca.mi_bridge.integrator import trace
+from cnca.mi_bridge.integrator import lamplight, trace
 from cnca.mi_bridge.portions import WHOLE, vehicle_part
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
@@ -89,6 +89,10 @@ def split(shot: Shot, texture: mi.TensorXf) -> _Split:
         hit, bsdf = si.is_valid(), si.bsdf(ray)
         T, airlight = _between(shot, ray, si, sampler)
         to_sun, sunlight = _sunlight(shot, si, sampler)
+        lamp = None
+        if shot.surroundings.lamps is not None:
+            lamp = lamplight(geometry.scene, shot.surroundings, sampler, si, hit)
+            dr.eval(lamp.d, lamp.irradiance)
         lobe, across = first_reflection[0], mi.Point2f(*first_reflection[1:])
         reflected, _ = bsdf.sample(context, si, lobe, across, hit)
         ray_next = si.spawn_ray(si.to_world(reflected.wo))
@@ -111,7 +115,10 @@ def split(shot: Shot, texture: mi.TensorXf) -> _Split:
             geometry.bind(mi.TensorXf(np.full(texture.shape, level, np.float32)))
             f_sun = bsdf.eval(context, si, si.to_local(to_sun), hit)
             f = bsdf.eval(context, si, reflected.wo, hit)
-            by_level.append(dr.select(hit, f_sun * sunlight + f * incoming, 0))
+            light = f_sun * sunlight + f * incoming
+            if lamp is not None:
+                light += bsdf.eval(context, si, si.to_local(lamp.d), hit) * lamp.irradiance
+            by_level.append(dr.select(hit, light, 0))
             dr.eval(by_level[-1])
         geometry.bind(texture)
         black, white = by_level

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from cnca.mi_bridge.envmap import DirectionTable, PhotographedGround
 from cnca.mi_bridge.fog_layer import FogLayer
+from cnca.mi_bridge.lamps import Lamps
 from cnca.mi_bridge.probe import Probe
 from cnca.mi_bridge.sky import Sky
 from cnca.mi_bridge.variant import mi
@@ -23,6 +24,8 @@ class Surroundings:
     """The world's light, where its geometry is not traced."""
     photo: PhotographedGround | None = None
     """Ground that shows what the sky's map has below the horizon."""
+    lamps: Lamps | None = None
+    """The world's, while they are on."""
     brightest: float | None = None
     """Most that a surface seen by another reflects of the sun's irradiance, per steradian.
 

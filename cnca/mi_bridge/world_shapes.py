@@ -6,24 +6,30 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from cnca.core.color import decode
 from cnca.mi_bridge.variant import mi
+from cnca.scene.materials import LinearRgb
 from cnca.world.model import Piece, Surface, World
 
 LINEAR = decode(torch.arange(256, dtype=torch.float64) / 255).numpy()
 """8-bit sRGB → linear."""
 
 
-def world_shapes(world: World) -> dict[str, mi.Mesh]:
-    """Name of a surface → its mesh, with its own BSDF."""
+def world_shapes(world: World, *, lit: bool = False) -> dict[str, mi.Mesh]:
+    """Name of a surface → its mesh, with its own BSDF; what glows does so where it is ``lit``."""
     by_surface: dict[str, list[Piece]] = {}
     for piece in world.pieces:
         if len(piece.faces):
             by_surface.setdefault(piece.surface, []).append(piece)
     return {
-        name: _merged(name, pieces, surface_bsdf(world.surfaces[name]))
+        name: _merged(
+            name,
+            pieces,
+            surface_bsdf(world.surfaces[name]),
+            _glow(world.surfaces[name]) if lit else None,
+        )
         for name, pieces in by_surface.items()
     }
 
@@ -56,9 +62,14 @@ def _color(surface: Surface) -> dict[str, object]:
     if surface.texture is None:
         return {"type": "rgb", "value": [float(c) for c in surface.base_color]}
     # Made linear here, so that the factor is applied in linear light; 256 levels are a table.
-    linear = (LINEAR[:, None] * np.array(surface.base_color)).astype(np.float16)
-    channels = [linear[surface.texture[..., c], c] for c in range(3)]
-    return linear_bitmap(np.stack(channels, axis=-1))
+    return linear_bitmap(_linear(surface.texture, surface.base_color))
+
+
+def _linear(
+    picture: UInt8[np.ndarray, "height width 3"], factor: LinearRgb
+) -> Float[np.ndarray, "height width 3"]:
+    linear = (LINEAR[:, None] * np.array(factor)).astype(np.float16)
+    return np.stack([linear[picture[..., c], c] for c in range(3)], axis=-1)
 
 
 def linear_bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict[str, object]:
@@ -67,7 +78,24 @@ def linear_bitmap(linear: Float[np.ndarray, "height width channels"]) -> dict[st
     return {"type": "bitmap", "bitmap": bitmap, "raw": True, "format": "fp16"}
 
 
-def _merged(name: str, pieces: Sequence[Piece], bsdf: mi.BSDF) -> mi.Mesh:
+def _glow(surface: Surface) -> dict[str, object] | None:
+    """What a surface emits as an emitter of Mitsuba."""
+    if not surface.glows:
+        return None
+    if surface.glow is None:
+        return area_light({"type": "rgb", "value": [float(c) for c in surface.emission]})
+    # Half precision ends at 6e-8, about 4 mcd/m²: what is darker is black.
+    return area_light(linear_bitmap(_linear(surface.glow, surface.emission)))
+
+
+def area_light(radiance: dict[str, object]) -> dict[str, object]:
+    """An emitter for the front of a mesh."""
+    return {"type": "area", "radiance": radiance}
+
+
+def _merged(
+    name: str, pieces: Sequence[Piece], bsdf: mi.BSDF, glow: dict[str, object] | None
+) -> mi.Mesh:
     starts = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
     vertices = np.concatenate([piece.vertices for piece in pieces])
     normals = np.concatenate([piece.normals for piece in pieces])
@@ -75,7 +103,7 @@ def _merged(name: str, pieces: Sequence[Piece], bsdf: mi.BSDF) -> mi.Mesh:
     uvs = [piece.uvs if piece.uvs is not None else piece.vertices[:, :2] for piece in pieces]
     textured = any(piece.uvs is not None for piece in pieces)
     return make_mesh(
-        name, bsdf, vertices, faces, normals, np.concatenate(uvs) if textured else None
+        name, bsdf, vertices, faces, normals, np.concatenate(uvs) if textured else None, glow
     )
 
 
@@ -86,10 +114,16 @@ def make_mesh(
     faces: np.ndarray,
     normals: Float[np.ndarray, "vertices 3"],
     uvs: Float[np.ndarray, "vertices 2"] | None,
+    glow: dict[str, object] | None = None,
 ) -> mi.Mesh:
-    """A triangle mesh from arrays; ``uvs`` have v upwards, Mitsuba's v runs down the picture."""
+    """A triangle mesh from arrays; ``uvs`` have v upwards, Mitsuba's v runs down the picture.
+
+    ``glow`` is the emitter of its front.
+    """
     properties = mi.Properties()
     properties["bsdf"] = bsdf
+    if glow is not None:
+        properties["emitter"] = mi.load_dict(glow)
     mesh = mi.Mesh(
         name,
         vertex_count=len(vertices),

@@ -27,6 +27,7 @@ from cnca.scene.values import (
     Positive,
     PositiveRange,
     Range,
+    Switch,
     Unit,
 )
 from cnca.scene.weather import Fog, SkyMap, Weather
@@ -109,6 +110,8 @@ class WorldSection(Section):
     """The file's upward axis; by default y for glTF, else z."""
     scale: Positive = 1.0
     """Metres per unit of the file."""
+    lamps: Switch = "auto"
+    """Street lamps, lights of traffic and windows; ``auto`` turns them on when the sun is down."""
 
 
 def _as_section(world: Any) -> Any:
@@ -248,6 +251,7 @@ class Scene(Section):
             sun_scale=self.sun.scale,
             sky_scale=self.sky.scale,
             fog=fog,
+            lamps=self.world.lamps if self.world else "auto",
         )
 
     def _measured_weather(self, file: str, fog: Fog | None) -> Weather:
@@ -262,4 +266,5 @@ class Scene(Section):
             sky_scale=sky.scale,
             fog=fog,
             sky_map=sky_map,
+            lamps=self.world.lamps if self.world else "auto",
         )

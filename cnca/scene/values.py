@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from PIL import ImageColor
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
@@ -28,6 +28,12 @@ def _as_color(value: object) -> object:
         ) from None
 
 
+def _as_word(switch: object) -> object:
+    """YAML reads ``on`` and ``off`` as truth values."""
+    return ("on" if switch else "off") if isinstance(switch, bool) else switch
+
+
+Switch = Annotated[Literal["auto", "on", "off"], BeforeValidator(_as_word)]
 Unit = Annotated[float, Field(ge=0, le=1)]
 Color = Annotated[tuple[Unit, Unit, Unit], BeforeValidator(_as_color)]
 """sRGB: three numbers in [0, 1], ``"#ff0000"`` or a name of CSS such as red."""

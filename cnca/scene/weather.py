@@ -64,6 +64,15 @@ class Weather:
     sky_map: SkyMap | None = None
     """If there is one, the sun stands where the map has it, and the turbidity means nothing."""
 
+    lamps: str = "auto"
+    """Whether a world's lamps are ``on`` or ``off``; ``auto`` is on when the sun is down."""
+
+    @property
+    def lamps_lit(self) -> bool:
+        """Whether lamps are on; the sun of a measured sky without one may be anywhere."""
+        down = self.sun_altitude < 0 and self.sky_map is None
+        return self.lamps == "on" or (self.lamps == "auto" and down)
+
     def turned(self, altitude: float, azimuth: float) -> Weather:
         """The weather with its sun elsewhere.
 

@@ -27,7 +27,14 @@ class Surface:
     metallic: float = 0.0
     clearcoat: float = 0.0
     emission: LinearRgb = (0.0, 0.0, 0.0)
-    """Radiance that a lamp emits, in the units of the sky (W/m²/sr/nm); 0 for all else."""
+    """Radiance in the units of the sky (W/m²/nm/sr) while the world's lamps are on."""
+    glow: UInt8[np.ndarray, "height width 3"] | None = None
+    """sRGB picture that is a factor on ``emission``, such as rooms behind windows."""
+
+    @property
+    def glows(self) -> bool:
+        """Whether it emits light."""
+        return max(self.emission) > 0
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,22 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Lamp:
+    """A square lamp that shines to one side; what holds it are pieces of the world."""
+
+    position: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    """Unit vector of its axis."""
+    intensity: LinearRgb
+    """Along the axis, in W/nm/sr: candelas over :data:`cnca.core.photometry.CANDELAS`."""
+    side: float
+    """Of the square, metres."""
+    beam: tuple[float, float] | None = None
+    """Degrees off the axis where a reflector's beam begins to fall, and where it ends; without one
+    the intensity falls as the cosine (Lambert)."""
+
+
+@dataclass(frozen=True)
 class WorldObject:
     """Something with a label that a detector may find, such as a parked car."""
 
@@ -77,6 +100,7 @@ class World:
     objects: tuple[WorldObject, ...] = ()
     places: tuple[Place, ...] = (Place(0.0, 0.0),)
     """Where the vehicle may stand, in the world's own axes; the first is the usual one."""
+    lamps: tuple[Lamp, ...] = ()
     ground: bool = False
     """Whether endless flat ground lies under it at z = 0; else its own pieces are the ground."""
     source: Mapping[str, str] = field(default_factory=dict)
@@ -98,4 +122,12 @@ class World:
         for other in self.places:
             x, y, z = (turn @ (np.array([other.x, other.y, other.z]) - foot)).tolist()
             places.append(Place(x, y, z, other.heading - place.heading))
-        return replace(self, pieces=moved, places=tuple(places))
+        lamps = tuple(
+            replace(
+                lamp,
+                position=tuple((turn @ (np.array(lamp.position) - foot)).tolist()),
+                direction=tuple((turn @ np.array(lamp.direction)).tolist()),
+            )
+            for lamp in self.lamps
+        )
+        return replace(self, pieces=moved, places=tuple(places), lamps=lamps)

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from cnca import build
 from cnca.mi_bridge import bridge
 from cnca.mi_bridge.light import Light, lambertian_white, make_light
+from cnca.mi_bridge.night import exposure_at_night
 from cnca.scene.cameras import View
 from cnca.scene.layers import Layers
 from cnca.scene.load_scene import load_scene
@@ -114,10 +115,10 @@ class Look:
 
     @property
     def light(self) -> Light:
-        """Sun and sky above the fog in units of white card."""
+        """Sun and sky above the fog in units of what is shown as 1, white card by day."""
         light = make_light(self.weather, self.ground_albedo)
         white = lambertian_white(light.sky, light.sun_irradiance, light.sun_direction)
-        return light.scaled(1 / white)
+        return light.scaled(exposure_at_night(white, self.weather.sun_altitude) / white)
 
 
 @cache

@@ -76,7 +76,7 @@ def test_left_and_right_of_the_sun_look_the_same(name):
     assert largest_z(left, right[..., ::-1]) < DIFFERENT
 
 
-def test_a_night_in_fog_is_a_dusk_in_fog_exposed_for_longer():
+def test_a_night_in_fog_is_darker_than_dusk_in_fog():
     dusk = Stage("fog_night")
     dusk.weather = replace(dusk.weather, sun_altitude=0.0)
-    np.testing.assert_allclose(look("fog_night").image, dusk.images(), rtol=1e-4)
+    assert 0.03 < look("fog_night").image.mean() / dusk.images().numpy().mean() < 0.1

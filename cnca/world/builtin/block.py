@@ -10,6 +10,7 @@ from cnca.world.builtin.furniture import (
     bench,
     bin_,
     bollards,
+    hanging_lamp,
     picket_fence,
     planter,
     railing,
@@ -31,6 +32,8 @@ STRIP = PARKING + 2.4
 PAVEMENT = STRIP + 3.6
 """Where the pavement ends and gardens begin."""
 FACADES = PAVEMENT + 5.6
+HANGING = 14.0
+"""Metres between lamps on wires, where posts would hide what stands on the road."""
 BAY = 5.7
 """Length of a parking bay along the kerb, metres."""
 
@@ -71,6 +74,9 @@ def build_block(site: Site, rng: np.random.Generator, pose: Pose, block: Block) 
     half(site, rng, pose, block)
     half(site, rng, pose.then(0.0, 0.0, 180.0), block.turned())
     site.add("marking", dashes(rng, (block.x[0] + 7, block.x[1] - 7), 0.0), pose)
+    for low, high in block.clear:
+        for x in np.linspace(low, high, 2 + int((high - low) // HANGING))[1:-1]:
+            hanging_lamp(site, pose.then(float(x), 0.0), FACADES)
 
 
 def half(site: Site, rng: np.random.Generator, pose: Pose, block: Block) -> None:

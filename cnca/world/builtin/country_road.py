@@ -72,7 +72,7 @@ def build(rng: np.random.Generator) -> World:
     for lane_y, turn in ((-WIDTH / 2, 0.0), (WIDTH / 2, 180.0)):
         for x in np.concatenate([rng.uniform(20.0, 34.0, 1), rng.uniform(50.0, 150.0, 2)]):
             for direction in (-1.0, 1.0):
-                put_vehicle(site, rng, course.pose(float(direction * x), lane_y, turn))
+                put_vehicle(site, rng, course.pose(float(direction * x), lane_y, turn), drives=True)
     return site.world("builtin:country_road", _places(site, course))
 
 

@@ -110,13 +110,13 @@ def _traffic(site: Site, rng: np.random.Generator, arm: Pose, *, waits: bool) ->
     if waits:
         x = STOP + 0.8
         for _ in range(int(rng.integers(1, 4))):
-            put_vehicle(site, rng, arm.then(x + 2.4, LANE / 2 + rng.normal(0, 0.1), 180.0))
+            put_vehicle(site, rng, arm.then(x + 2.4, LANE / 2 + rng.normal(0, 0.1), 180.0), drives=True)
             x += float(rng.uniform(6.2, 7.5))
     else:
         x = float(rng.uniform(26.0, 34.0))
-        put_vehicle(site, rng, arm.then(x, LANE / 2, 180.0 + rng.normal(0, 0.5)))
+        put_vehicle(site, rng, arm.then(x, LANE / 2, 180.0 + rng.normal(0, 0.5)), drives=True)
     x = float(rng.uniform(34.0, 44.0))
-    put_vehicle(site, rng, arm.then(x, -LANE / 2, rng.normal(0, 0.5)))
+    put_vehicle(site, rng, arm.then(x, -LANE / 2, rng.normal(0, 0.5)), drives=True)
 
 
 def _end(site: Site, rng: np.random.Generator, arm: Pose) -> None:

@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from cnca.scene.materials import MATERIALS, LinearRgb
-from cnca.world.builtin.glazing_pictures import rooms, shop_names, shop_windows, traffic_signs
+from cnca.world.builtin.glazing_pictures import (
+    lit_rooms,
+    lit_shop_windows,
+    rooms,
+    shop_names,
+    shop_windows,
+    traffic_signs,
+)
 from cnca.world.builtin.ground_pictures import (
     asphalt,
     bark,
@@ -23,6 +30,7 @@ from cnca.world.builtin.ground_pictures import (
     slabs,
     soil,
 )
+from cnca.world.builtin.lamps import WARM, colored
 from cnca.world.builtin.wall_pictures import (
     ashlar,
     brick,
@@ -49,6 +57,10 @@ class Finish:
     specular: float = 0.4
     metallic: float = 0.0
     clearcoat: float = 0.0
+    emission: LinearRgb = (0.0, 0.0, 0.0)
+    """Radiance while lamps are on, W/m²/nm/sr."""
+    glow: Callable[[], Picture] | None = None
+    """Picture of what emits, a factor on it."""
 
     def surface(self) -> Surface:
         """The surface with its picture."""
@@ -59,6 +71,8 @@ class Finish:
             specular=self.specular,
             metallic=self.metallic,
             clearcoat=self.clearcoat,
+            emission=self.emission,
+            glow=None if self.glow is None else _painted(self.glow),
         )
 
 
@@ -140,8 +154,16 @@ def _library() -> dict[str, Finish]:
         "roof_slate": Finish(roof_tiles, (2.0, 2.0), (0.36, 0.76, 1.2), roughness=0.6),
         "roof_felt": Finish(roof_felt, (2.0, 2.0)),
         "timber": Finish(wood, (0.96, 0.96), (0.30, 0.19, 0.11)),
-        "pane": Finish(rooms, roughness=0.05, specular=0.7),
-        "display": Finish(shop_windows, roughness=0.05, specular=0.6),
+        "pane": Finish(
+            rooms, roughness=0.05, specular=0.7, emission=colored(15.0, WARM), glow=lit_rooms
+        ),
+        "display": Finish(
+            shop_windows,
+            roughness=0.05,
+            specular=0.6,
+            emission=colored(80.0, WARM),
+            glow=lit_shop_windows,
+        ),
         "shop_name": Finish(shop_names, roughness=0.5),
         "sign": Finish(traffic_signs, roughness=0.4),
         "frame_white": _plain((0.62, 0.61, 0.58), 0.5),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cnca.world.builtin.glazing_pictures import SIGNS
+from cnca.world.builtin.lamps import luminaire
 from cnca.world.builtin.meshes import Mesh, box, disc, merge, quads, repeat, tube
 from cnca.world.builtin.site import Pose, Site
 
@@ -25,6 +26,15 @@ def street_lamp(site: Site, pose: Pose, height: float = 7.5, reach: float = 1.8)
         (-0.10, -reach - 0.5, height - 0.07), (0.10, -reach, height - 0.035), sides="-x+x-y+y-z"
     )
     site.add("lamp_glass", glass, pose)
+    site.add_lamp(luminaire((0.0, -reach - 0.25, height - 0.08)), pose)
+
+
+def hanging_lamp(site: Site, pose: Pose, half: float, height: float = 7.5) -> None:
+    """A lamp on a wire across the road, ``half`` the wire's length to each side of the pose."""
+    wire = np.array([[0, -half, height + 0.6], [0, 0, height + 0.2], [0, half, height + 0.6]])
+    site.add("steel_dark", tube(wire.astype(float), np.full(3, 0.008), 4), pose)
+    site.add("steel", box((-0.28, -0.16, height), (0.28, 0.16, height + 0.18)), pose)
+    site.add_lamp(luminaire((0.0, 0.0, height - 0.02)), pose)
 
 
 def traffic_sign(site: Site, pose: Pose, kind: str, height: float = 2.2) -> None:

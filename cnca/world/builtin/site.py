@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cnca.world.builtin.finishes import FINISHES
 from cnca.world.builtin.meshes import Mesh, merge
-from cnca.world.model import Piece, Place, World, WorldObject
+from cnca.world.model import Lamp, Piece, Place, World, WorldObject
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Site:
     def __init__(self) -> None:
         self._meshes: dict[str, list[Mesh]] = defaultdict(list)
         self._objects: list[tuple[str, dict[str, Mesh]]] = []
+        self._lamps: list[Lamp] = []
         self.taken: list[tuple[float, float]] = []
         """Middles of the traffic."""
 
@@ -51,6 +52,15 @@ class Site:
         """Put something that detectors know, made of one mesh for each surface."""
         placed = {s: m.placed(pose.x, pose.y, pose.z, pose.heading) for s, m in meshes.items()}
         self._objects.append((label, placed))
+
+    def add_lamp(self, lamp: Lamp, pose: Pose) -> None:
+        """Put what shines; what holds it is added apart."""
+        x, y, z = lamp.position
+        across, along, up = lamp.direction
+        c, s = math.cos(math.radians(pose.heading)), math.sin(math.radians(pose.heading))
+        position = (*pose.point(x, y), pose.z + z)
+        direction = (c * across - s * along, s * across + c * along, up)
+        self._lamps.append(replace(lamp, position=position, direction=direction))
 
     def free(self, place: Place, distance: float) -> bool:
         """Whether no traffic has its middle within ``distance`` metres of the place."""
@@ -66,7 +76,8 @@ class Site:
             objects.append(WorldObject(label, indices))
         used = sorted({piece.surface for piece in pieces})
         surfaces = {surface: FINISHES[surface].surface() for surface in used}
-        return World(name, tuple(pieces), surfaces, tuple(objects), tuple(places))
+        lamps = tuple(self._lamps)
+        return World(name, tuple(pieces), surfaces, tuple(objects), tuple(places), lamps)
 
 
 def _piece(name: str, surface: str, mesh: Mesh) -> Piece:

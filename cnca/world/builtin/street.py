@@ -49,7 +49,7 @@ def _moving(site: Site, rng: np.random.Generator, pose: Pose) -> None:
     while x < HALF - 8.0:
         if not any(low - 3.0 < x < high + 3.0 for low, high in CLEAR):
             y = -LANE / 2 + rng.normal(0, 0.12)
-            put_vehicle(site, rng, pose.then(x, y, rng.normal(0, 0.6)))
+            put_vehicle(site, rng, pose.then(x, y, rng.normal(0, 0.6)), drives=True)
         x += float(rng.uniform(10.0, 22.0))
 
 

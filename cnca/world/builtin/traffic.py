@@ -10,8 +10,10 @@ from cnca.vehicle.builtin.bodywork import Body
 from cnca.vehicle.builtin.sedan import body_surfaces
 from cnca.vehicle.builtin.shapes import BUILTIN_VEHICLES
 from cnca.world.builtin.finishes import FINISHES, PAINTS
+from cnca.world.builtin.lamps import vehicle_lamps
 from cnca.world.builtin.meshes import Mesh
 from cnca.world.builtin.site import Pose, Site
+from cnca.world.model import Lamp
 
 SHARES = {"hatchback": 0.33, "suv": 0.27, "sedan": 0.27, "van": 0.09, "pickup": 0.04}
 """Bodies in traffic."""
@@ -41,8 +43,25 @@ def draw_body(rng: np.random.Generator) -> str:
     return str(rng.choice(list(SHARES), p=list(SHARES.values())))
 
 
-def put_vehicle(site: Site, rng: np.random.Generator, pose: Pose, name: str | None = None) -> str:
-    """Put a vehicle that heads along the pose's +x, its middle at the origin; return its name."""
+@cache
+def lights(name: str) -> tuple[Lamp, ...]:
+    """Of a built-in vehicle that drives at night."""
+    meshes = body(name)
+    return vehicle_lamps(meshes["lamp_headlight"], meshes["lamp_tail"])
+
+
+def put_vehicle(
+    site: Site,
+    rng: np.random.Generator,
+    pose: Pose,
+    name: str | None = None,
+    *,
+    drives: bool = False,
+) -> str:
+    """Put a vehicle that heads along the pose's +x, its middle at the origin; return its name.
+
+    One that ``drives`` has its lights on when lamps are.
+    """
     name = name or draw_body(rng)
     shares = np.array([share for share, _ in PAINTS.values()])
     paint = str(rng.choice(list(PAINTS), p=shares / shares.sum()))
@@ -51,5 +70,7 @@ def put_vehicle(site: Site, rng: np.random.Generator, pose: Pose, name: str | No
     meshes = {f"paint_{paint}" if s == "paint" else s: mesh for s, mesh in body(name).items()}
     assert all(surface in FINISHES for surface in meshes)
     site.add_object(LABELS.get(name, "car"), meshes, pose)
+    for lamp in lights(name) if drives else ():
+        site.add_lamp(lamp, pose)
     site.taken.append((pose.x, pose.y))
     return name
