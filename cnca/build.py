@@ -150,6 +150,7 @@ def build_path_tracer(
         exposure=scene.image.exposure,
         demand=demand,
         worlds=build_worlds(scene),
+        wetness=scene.ground.wetness,
     )
 
 

@@ -13,6 +13,7 @@ from cnca.effects.fog import FogEffect
 from cnca.effects.lamps import LampsEffect
 from cnca.effects.subject import Contents
 from cnca.effects.surfaces import GlassEffect, InterreflectionEffect, MaterialsEffect
+from cnca.effects.wetness import WetnessEffect
 from cnca.effects.world import SurroundingsEffect
 
 _ALL: tuple[Effect, ...] = (
@@ -23,6 +24,7 @@ _ALL: tuple[Effect, ...] = (
     LampsEffect(),
     InterreflectionEffect(),
     CausticsEffect(),
+    WetnessEffect(),
     MaterialsEffect(),
     GlassEffect(),
     GradientEffect(),

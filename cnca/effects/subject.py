@@ -26,6 +26,8 @@ class Contents:
     """With all that stands around it in the vehicle's materials."""
     world: World | None = None
     """What stands around them in materials of its own."""
+    wetness: float = 0.0
+    """Of the ground, in [0, 1]."""
 
 
 @dataclass(frozen=True)

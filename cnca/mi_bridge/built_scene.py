@@ -17,6 +17,7 @@ from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.light import Light
 from cnca.mi_bridge.sightings import Sightings
 from cnca.mi_bridge.surroundings import Surroundings
+from cnca.mi_bridge.wet import wet_albedo
 from cnca.mi_bridge.worlds import Worlds, one_spot
 from cnca.scene.cameras import Spot, View
 from cnca.scene.weather import Weather
@@ -38,7 +39,8 @@ class BuiltScene:
         texture_size: int,
         props: tuple[Part, ...],
         worlds: Callable[[Spot], World] | None,
-        worn: tuple[str, str],
+        worn: tuple[str, str, str],
+        wetness: float = 0.0,
     ) -> None:
         """
         Args:
@@ -46,11 +48,13 @@ class BuiltScene:
             texture_size: texels per side of the vehicle's texture.
             props: other things that stand around; painted ones wear the vehicle's texture.
             worlds: what stands around the vehicle, which faces +x in its origin, at each spot.
-            worn: models of the effects "materials" and "glass" to begin with.
+            worn: models of the effects "materials", "glass" and "wetness" to begin with.
+            wetness: of the ground, in [0, 1].
         """
         self._ground_albedo, self._has_vehicle = ground_albedo, bool(vehicle.parts)
+        self._wetness = wetness
         texels = max(texture_size, 2)  # Mitsuba knows no texture of one texel: it is repeated
-        self._build = partial(Geometry, vehicle, ground_albedo, texels, props)
+        self._make = partial(Geometry, vehicle, ground_albedo, texels, props)
         self._make_world = worlds
         self._forward_share = lru_cache(ForwardShare)
         self.atmosphere = lru_cache(maxsize=WEATHERS_KEPT)(self._make_atmosphere)
@@ -59,12 +63,16 @@ class BuiltScene:
         self.geometry = self._build(*worn)
         self.worlds = Worlds(worlds, self.geometry) if worlds else None
 
-    def wear(self, materials: str, glass: str) -> None:
+    def _build(self, materials: str, glass: str, wetness: str) -> Geometry:
+        return self._make(materials, glass, self._wetness if wetness == "film" else 0.0)
+
+    def wear(self, materials: str, glass: str, wetness: str) -> None:
         """Exchange the geometry: kernels hold the code of all materials that exist."""
-        if (materials, glass) != self._worn:
+        if (materials, glass, wetness) != self._worn:
             self.atmosphere.cache_clear()
             self._forward_share.cache_clear()
-            self._worn, self.geometry = (materials, glass), self._build(materials, glass)
+            self._worn = materials, glass, wetness
+            self.geometry = self._build(*self._worn)
             if self._make_world is not None:
                 self.worlds = Worlds(self._make_world, self.geometry)
 
@@ -76,7 +84,7 @@ class BuiltScene:
         Args:
             rung: how much of a world takes part, unless the plan's demand says.
         """
-        self.wear(str(chosen["materials"]), str(chosen["glass"]))
+        self.wear(*(str(chosen[effect]) for effect in ("materials", "glass", "wetness")))
         atmosphere = self.atmosphere(
             chosen.weather,
             str(chosen["sun"]),
@@ -116,7 +124,7 @@ class BuiltScene:
     ) -> Atmosphere:
         return make_atmosphere(
             weather,
-            self._ground_albedo,
+            wet_albedo(self._ground_albedo, self.geometry.wetness),
             sun=sun,
             sky=sky,
             fog=fog,

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from cnca.core.errors import TextureError
 from cnca.mi_bridge.lamp_shapes import lamp_shapes
 from cnca.mi_bridge.variant import dr, mi
+from cnca.mi_bridge.wet import wet_principled
 from cnca.mi_bridge.world_shapes import holed_surfaces, make_mesh, world_shapes
 from cnca.scene.cameras import View
 from cnca.scene.materials import Material
@@ -41,6 +42,7 @@ class Geometry:
         props: tuple[Part, ...] = (),
         materials: str = "coat",
         glass: str = "pane",
+        wetness: float = 0.0,
     ) -> None:
         """
         Args:
@@ -49,6 +51,7 @@ class Geometry:
             props: other things that stand around; painted ones wear the vehicle's texture.
             materials: model of :class:`cnca.effects.surfaces.MaterialsEffect` for every part.
             glass: likewise; "pane" makes thin panes of what lets light through.
+            wetness: of the ground, here and in worlds, in [0, 1].
 
         Raises:
             TextureError: no part of the vehicle is painted, or a painted part has no UVs.
@@ -82,7 +85,8 @@ class Geometry:
         ]
         self._shapes = {f"part_{i}": mesh for i, mesh in enumerate(meshes)}
         self._own = {VEHICLE: meshes[: len(vehicle.parts)], PROP: meshes[len(vehicle.parts) :]}
-        self.ground = _ground(ground_albedo)
+        self.wetness = wetness
+        self.ground = _ground(ground_albedo, wetness)
         self._surround([self.ground])
         self._bitmap, self._texture = texture, mi.traverse(texture)
         self._paint = bsdfs["paint"]
@@ -119,7 +123,7 @@ class Geometry:
         ``lit`` says whether the world's lamps are on.
         The world's many BSDFs live as long as these: kernels made meanwhile hold the code of all.
         """
-        shapes = world_shapes(world, lit=lit)
+        shapes = world_shapes(world, lit=lit, wetness=self.wetness)
         holed = [shapes.pop(name) for name in holed_surfaces(world)]
         squares, lamps = lamp_shapes(world.lamps if lit else ())
         lamps = lamps or [s.emitter() for s in shapes.values() if s.emitter() is not None]
@@ -184,13 +188,17 @@ class Geometry:
         return si.is_valid() & (si.bsdf() == mi.BSDFPtr(self._paint))
 
 
-def _ground(albedo: Float[np.ndarray, "3"]) -> mi.Shape:
+def _ground(albedo: Float[np.ndarray, "3"], wetness: float) -> mi.Shape:
     reflectance = {"type": "rgb", "value": [float(c) for c in albedo]}
+    bsdf: dict[str, object] = {"type": "diffuse", "reflectance": reflectance}
+    if wetness > 0:
+        dry = {"type": "principled", "base_color": reflectance, "roughness": 1.0}
+        bsdf = wet_principled(dry, wetness)
     return mi.load_dict(
         {
             "type": "disk",
             "to_world": mi.ScalarTransform4f().scale([GROUND_RADIUS, GROUND_RADIUS, 1]),
-            "bsdf": {"type": "diffuse", "reflectance": reflectance},
+            "bsdf": bsdf,
         }
     )
 

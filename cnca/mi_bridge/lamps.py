@@ -21,7 +21,7 @@ HALF, CELLS = 100.0, 40
 what lies beyond."""
 HEIGHTS = (0.1, 1.5, 5.0)
 """Metres above the ground at which lamps are compared."""
-EVEN = 0.1
+EVEN = 0.2
 """Part of the samples that all lamps share alike, for points that the tables misjudge."""
 
 
@@ -149,14 +149,14 @@ class Lamps:
         return np.array(total).reshape(len(points), self.count)
 
     def _weights(self) -> Float[np.ndarray, "cells lamps"]:
-        """Light of each lamp in each cell, mean over its corners' thirds and over heights."""
+        """Light of each lamp in each cell: root mean square over points, which finds beams, too."""
         edge = 2 * HALF / CELLS
         middles = (np.arange(CELLS) + 0.5) * edge - HALF
-        offsets = np.array([-edge / 4, edge / 4])
+        offsets = np.array([-edge / 3, 0.0, edge / 3])
         y, x, b, a, z = np.meshgrid(middles, middles, offsets, offsets, HEIGHTS, indexing="ij")
         points = np.stack([x + a, y + b, z], axis=-1).reshape(-1, 3)
-        light = self.light_at(points, samples=2)
-        return light.reshape(CELLS * CELLS, -1, self.count).mean(axis=1)
+        light = self.light_at(points, samples=2).reshape(CELLS * CELLS, -1, self.count)
+        return np.sqrt(np.square(light).mean(axis=1))
 
     def _cell(self, p: mi.Point3f) -> mi.UInt32:
         at = (mi.Point2f(p.x, p.y) + HALF) * (CELLS / (2 * HALF))

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.rays import average_samples
 from cnca.mi_bridge.variant import dr, mi
+from cnca.mi_bridge.wet import wet_principled
 from cnca.mi_bridge.world_shapes import linear_bitmap, make_mesh
 
 HALF = 9.6
@@ -49,15 +50,19 @@ def near_ground(bare: Geometry) -> mi.Mesh | None:
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     vertices = np.stack([x, y, level], axis=-1).reshape(-1, 3)
     uvs = (vertices[:, :2] + HALF) / (2 * HALF)
+    principled: dict[str, object] = {
+        "type": "principled",
+        "base_color": linear_bitmap(_albedo(bare.scene)[::-1]),
+        "roughness": ROUGHNESS,
+        "specular": 0.3,
+    }
+    if bare.wetness > 0:  # the picture is that of wet ground already
+        film = wet_principled(principled, bare.wetness)
+        principled = film | {"base_color": principled["base_color"]}
     bsdf = mi.load_dict(
         {
             "type": "twosided",
-            "bsdf": {
-                "type": "principled",
-                "base_color": linear_bitmap(_albedo(bare.scene)[::-1]),
-                "roughness": ROUGHNESS,
-                "specular": 0.3,
-            },
+            "bsdf": principled,
         }
     )
     return make_mesh("near_ground", bsdf, vertices, faces, normals.reshape(-1, 3), uvs)

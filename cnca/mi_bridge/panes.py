@@ -28,10 +28,7 @@ def pane_transmittance(
         T = dr.select(hit, T * si.bsdf(ray).eval_null_transmission(si, hit), T)
         T = dr.select(hit & (panes == MOST_PANES), 0, T)
         active = hit & (dr.max(T) > 0)
-        if dr.hint(end is None, mode="scalar"):
-            ray = si.spawn_ray(ray.d)
-        else:
-            ray = si.spawn_ray_to(end)
+        ray = si.spawn_ray(ray.d) if end is None else si.spawn_ray_to(end)
         panes += 1
     return T
 

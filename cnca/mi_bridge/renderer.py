@@ -49,6 +49,7 @@ class MitsubaRenderer:
         props: tuple[Part, ...] = (),
         demand: Demand | None = None,
         worlds: Callable[[Spot], World] | None = None,
+        wetness: float = 0.0,
     ) -> None:
         """
         Args:
@@ -61,6 +62,7 @@ class MitsubaRenderer:
             demand: which effects to render how, unless a picture asks for something else; by
                 default the usual ones.
             worlds: what stands around the vehicle, which faces +x in its origin, at each spot.
+            wetness: of the ground, in [0, 1].
         """
         self.vehicle = vehicle
         self.ground_albedo = np.asarray(ground_albedo, dtype=np.float64)
@@ -68,13 +70,15 @@ class MitsubaRenderer:
         self._usual: dict[str, Model] = {"samples": samples, "interreflection": bounces}
         self.exposure = exposure
         everything = replace(vehicle, parts=(*vehicle.parts, *props))
-        self._amounts = amounts(Contents(everything, worlds(Spot()) if worlds else None))
+        world = worlds(Spot()) if worlds else None
+        self._amounts = amounts(Contents(everything, world, wetness))
 
         self.texture_size = texture_size
         # What is most likely asked for, since kernels go on holding code of what was built before.
         best: dict[str, Model] = {
             "materials": "coat" if self._amounts["materials"] else "principled",
             "glass": "pane" if self._amounts["glass"] else "dark",
+            "wetness": "film" if wetness > 0 else "dry",
             **self._demand.forced,
         }
         self.built = BuiltScene(
@@ -83,7 +87,8 @@ class MitsubaRenderer:
             texture_size=texture_size,
             props=props,
             worlds=worlds,
-            worn=(str(best["materials"]), str(best["glass"])),
+            worn=(str(best["materials"]), str(best["glass"]), str(best["wetness"])),
+            wetness=wetness,
         )
 
     @property

@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt8
 
 from cnca.core.color import decode
 from cnca.mi_bridge.variant import mi
+from cnca.mi_bridge.wet import FILM, wet_principled
 from cnca.scene.materials import LinearRgb
 from cnca.world.model import Piece, Surface, World
 
@@ -17,8 +18,13 @@ LINEAR = decode(torch.arange(256, dtype=torch.float64) / 255).numpy()
 """8-bit sRGB → linear."""
 
 
-def world_shapes(world: World, *, lit: bool = False) -> dict[str, mi.Mesh]:
-    """Name of a surface → its mesh, with its own BSDF; what glows does so where it is ``lit``."""
+def world_shapes(world: World, *, lit: bool = False, wetness: float = 0.0) -> dict[str, mi.Mesh]:
+    """Name of a surface → its mesh, with its own BSDF.
+
+    Args:
+        lit: whether what glows does so.
+        wetness: of all that looks up, in [0, 1].
+    """
     by_surface: dict[str, list[Piece]] = {}
     for piece in world.pieces:
         if len(piece.faces):
@@ -27,7 +33,7 @@ def world_shapes(world: World, *, lit: bool = False) -> dict[str, mi.Mesh]:
         name: _merged(
             name,
             pieces,
-            surface_bsdf(world.surfaces[name]),
+            surface_bsdf(world.surfaces[name], wetness),
             _glow(world.surfaces[name]) if lit else None,
         )
         for name, pieces in by_surface.items()
@@ -40,9 +46,9 @@ def holed_surfaces(world: World) -> list[str]:
     return sorted(name for name in used if world.surfaces[name].opacity is not None)
 
 
-def surface_bsdf(surface: Surface) -> mi.BSDF:
+def surface_bsdf(surface: Surface, wetness: float = 0.0) -> mi.BSDF:
     """A principled BSDF with two sides: meshes of unknown origin have flipped faces."""
-    principled = {
+    principled: dict[str, object] = {
         "type": "principled",
         "base_color": _color(surface),
         "roughness": surface.roughness,
@@ -51,11 +57,19 @@ def surface_bsdf(surface: Surface) -> mi.BSDF:
     }
     if surface.clearcoat > 0:
         principled |= {"clearcoat": surface.clearcoat, "clearcoat_gloss": 1.0}
+    if wetness > 0 and _gets_wet(surface):
+        principled = wet_principled(principled, wetness, film=not surface.soaks)
     bsdf = {"type": "twosided", "bsdf": principled}
     if surface.opacity is not None:
         share = surface.opacity[..., None].astype(np.float32) / 255
         bsdf = {"type": "mask", "opacity": linear_bitmap(share), "bsdf": bsdf}
     return mi.load_dict(bsdf)
+
+
+def _gets_wet(surface: Surface) -> bool:
+    """Ground does; leaves, metal, lacquer and glass stay as they are."""
+    porous = surface.metallic < 0.5 and surface.clearcoat == 0 and surface.roughness > FILM
+    return porous and surface.opacity is None
 
 
 def _color(surface: Surface) -> dict[str, object]:

@@ -87,6 +87,8 @@ class GroundSection(Section):
     """A flat, matt ground at z = 0."""
 
     color: Color = (0.42, 0.41, 0.40)
+    wetness: Unit = 0.0
+    """Of the ground, a world's too: up to 0.5 a film of water, then puddles."""
 
 
 class WorldSection(Section):
@@ -228,11 +230,13 @@ class Scene(Section):
         return self
 
     @model_validator(mode="after")
-    def _one_sun(self) -> Scene:
+    def _fits_the_map(self) -> Scene:
         place = {"altitude", "azimuth"} & self.sun.model_fields_set
         if self.sky.map and place:
             key = min(place)
             raise ValueError(f"sky.map has its own sun: leave sun.{key} out, or turn sky.rotation")
+        if self.sky.map and self.ground.wetness > 0 and self.world is None:
+            raise ValueError("ground.wetness: the ground of sky.map stays as it was photographed")
         return self
 
     def weather(self) -> Weather:

@@ -26,6 +26,8 @@ class Surface:
     specular: float = 0.5
     metallic: float = 0.0
     clearcoat: float = 0.0
+    soaks: bool = False
+    """Whether it soaks up water, as grass does: wet it is darker but does not shine."""
     emission: LinearRgb = (0.0, 0.0, 0.0)
     """Radiance in the units of the sky (W/m²/nm/sr) while the world's lamps are on."""
     glow: UInt8[np.ndarray, "height width 3"] | None = None

@@ -47,7 +47,9 @@ def build(rng: np.random.Generator) -> World:
     _island(site, rng, origin)
     _surroundings(site, rng, origin)
     put_vehicle(site, rng, origin.then(-HALF + 8.0, LANES[1] - 1.5, rng.normal(0, 2)), drives=True)
-    put_vehicle(site, rng, origin.then(HALF - 6.0, LANES[0] + 1.5, 180.0 + rng.normal(0, 2)), drives=True)
+    put_vehicle(
+        site, rng, origin.then(HALF - 6.0, LANES[0] + 1.5, 180.0 + rng.normal(0, 2)), drives=True
+    )
     site.add("grass", rectangle((-300.0, 300.0), (-300.0, 300.0), -0.06), origin)
     return site.world("builtin:car_park", _places(site))
 

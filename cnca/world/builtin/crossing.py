@@ -110,7 +110,9 @@ def _traffic(site: Site, rng: np.random.Generator, arm: Pose, *, waits: bool) ->
     if waits:
         x = STOP + 0.8
         for _ in range(int(rng.integers(1, 4))):
-            put_vehicle(site, rng, arm.then(x + 2.4, LANE / 2 + rng.normal(0, 0.1), 180.0), drives=True)
+            put_vehicle(
+                site, rng, arm.then(x + 2.4, LANE / 2 + rng.normal(0, 0.1), 180.0), drives=True
+            )
             x += float(rng.uniform(6.2, 7.5))
     else:
         x = float(rng.uniform(26.0, 34.0))

@@ -57,6 +57,7 @@ class Finish:
     specular: float = 0.4
     metallic: float = 0.0
     clearcoat: float = 0.0
+    soaks: bool = False
     emission: LinearRgb = (0.0, 0.0, 0.0)
     """Radiance while lamps are on, W/m²/nm/sr."""
     glow: Callable[[], Picture] | None = None
@@ -71,6 +72,7 @@ class Finish:
             specular=self.specular,
             metallic=self.metallic,
             clearcoat=self.clearcoat,
+            soaks=self.soaks,
             emission=self.emission,
             glow=None if self.glow is None else _painted(self.glow),
         )
@@ -135,10 +137,12 @@ def _library() -> dict[str, Finish]:
         "slabs": Finish(slabs, (4.8, 4.8)),
         "setts": Finish(setts, (1.6, 1.6), roughness=0.75),
         "kerb": Finish(kerb, (1.0, 1.0)),
-        "grass": Finish(grass, (4.0, 4.0), specular=0.2, roughness=1.0),
-        "field": Finish(grass, (4.0, 4.0), (1.9, 1.35, 1.6), specular=0.2, roughness=1.0),
-        "soil": Finish(soil, (2.0, 2.0), roughness=1.0, specular=0.2),
-        "gravel": Finish(gravel, (2.0, 2.0), roughness=0.95),
+        "grass": Finish(grass, (4.0, 4.0), specular=0.2, roughness=1.0, soaks=True),
+        "field": Finish(
+            grass, (4.0, 4.0), (1.9, 1.35, 1.6), specular=0.2, roughness=1.0, soaks=True
+        ),
+        "soil": Finish(soil, (2.0, 2.0), roughness=1.0, specular=0.2, soaks=True),
+        "gravel": Finish(gravel, (2.0, 2.0), roughness=0.95, soaks=True),
         "leaves": Finish(leaves, (1.0, 1.0), roughness=0.6, specular=0.3),
         "leaves_dark": Finish(leaves, (1.0, 1.0), (0.62, 0.70, 0.75), roughness=0.6),
         "leaves_light": Finish(leaves, (1.0, 1.0), (1.35, 1.2, 0.9), roughness=0.6),

@@ -75,18 +75,18 @@ def lit_rooms() -> Picture:
     """
     rng = np.random.default_rng(33)
     rows, columns = ROOMS
-    light = np.zeros((rows * columns, 1, 1, 1))
+    light = np.zeros((rows, columns, 3))
     at_home = rng.choice(rows * columns, rows * columns // 3, replace=False)
-    light[at_home, 0, 0, 0] = rng.uniform(0.3, 1.0, len(at_home))
-    light = light * (1 - rng.uniform(0.0, 0.5, (rows * columns, 1, 1, 1)) * [0.0, 0.3, 0.8])
-    light = light.reshape(rows, columns, 1, 1, 3).repeat(128, 2).repeat(128, 3)
-    light = light.transpose(0, 2, 1, 3, 4).reshape(rows * 128, columns * 128, 3)
+    for row, column in zip(*divmod(at_home, columns), strict=True):
+        warmth = rng.uniform(0.0, 0.5) * np.array([0.0, 0.3, 0.8])
+        light[row, column] = rng.uniform(0.3, 1.0) * (1 - warmth)
+    light = light.repeat(128, axis=0).repeat(128, axis=1)
     # Dark rooms reflect little of the lamp, cloth passes about as much as it reflects.
     return np.clip(light * (0.15 + 2.0 * rooms()), 0, 1)
 
 
 def lit_shop_windows() -> Picture:
-    """What the same displays emit: their own lamps light what is in them; three of eight are shut."""
+    """What the same displays emit: their own lamps light what is in them, but three are shut."""
     shut = np.array([[0, 1, 0, 0], [1, 0, 0, 1]])
     dim = np.where(shut, 0.05, 1.0).repeat(256, 0).repeat(256, 1)[..., None]
     return dim * shop_windows()
