@@ -13,8 +13,6 @@ TWILIGHT = ((0.0, 2480.0), (-6.0, 3.0), (-12.0, 0.008), (-18.0, 6e-4))
 the AMS Glossary of Meteorology); at 0° what the sky's model has, four times as much as is seen."""
 STARLIGHT = 1e-3
 """Lux of a clear night without a moon (RCA Electro-Optics Handbook, 1974)."""
-GREY = 0.18
-"""Reflectance of the card that an adapted eye takes for the scene's mean."""
 
 
 def twilight(altitude: float) -> float:
@@ -36,7 +34,8 @@ def exposure_at_night(white: float, altitude: float) -> float:
 
     Automatic exposure would show starlight as bright as day.  Krawczyk, Myszkowski & Seidel (2005)
     measure the key of pictures, the brightness that a viewer expects, by the luminance Y to which
-    the eye is adapted: key = 1.03 − 2 / (2 + log₁₀(Y + 1)).  Here it is counted in that of sunset.
+    the eye is adapted: key = 1.03 − 2 / (2 + log₁₀(Y + 1)).  Here Y is that of white card, and the
+    key is counted in that of sunset.
 
     Args:
         white: radiance of white card in W/m²/nm/sr.
@@ -44,8 +43,7 @@ def exposure_at_night(white: float, altitude: float) -> float:
     """
     if altitude >= 0:
         return 1.0
-    sunset = TWILIGHT[0][1] / math.pi
-    return min(_key(GREY * white * CANDELAS) / _key(GREY * sunset), 1.0)
+    return min(_key(white * CANDELAS) / _key(TWILIGHT[0][1] / math.pi), 1.0)
 
 
 def _key(luminance: float) -> float:
