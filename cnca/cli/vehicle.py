@@ -65,8 +65,8 @@ def check_vehicle(
 
 @app.command("check-world", rich_help_panel=VEHICLES)
 def check_world(
-    mesh: Annotated[Path, typer.Argument(help="OBJ, PLY, glTF or GLB file of a world.")],
-    up: Annotated[str | None, typer.Option(help="Its upward axis; y for glTF, else z.")] = None,
+    mesh: Annotated[Path, typer.Argument(help="OBJ, PLY, glTF or Mitsuba XML file.")],
+    up: Annotated[str | None, typer.Option(help="Its up axis; y for glTF and XML, else z.")] = None,
     scale: Annotated[float, typer.Option(help="Metres per unit.")] = 1.0,
 ) -> None:
     """Say what stands between a world's file and a vehicle in it, and which keys mend it.
@@ -78,6 +78,10 @@ def check_world(
     from cnca.world.checkup import check_world
 
     report = check_world(mesh, up=up, scale=scale)
+    if mesh.suffix.lower() == ".xml":
+        from cnca.mi_bridge.xml_world import refuse_unknown_plugins
+
+        refuse_unknown_plugins(mesh)
     for finding in report.findings:
         typer.echo(finding)
     typer.echo(f"scene: world: {json.dumps(report.section)}")

@@ -17,11 +17,8 @@ class LampsEffect(Effect):
     priced = ("off",)
 
     def amount(self, contents: Contents) -> float:
-        """How many lamps there are; windows that glow count as one."""
-        world = contents.world
-        if world is None:
-            return 0.0
-        return float(len(world.lamps) or any(s.glows for s in world.surfaces.values()))
+        """How many lamps there are."""
+        return 0.0 if contents.world is None else float(contents.world.lamp_count)
 
     def present(self, subject: Subject) -> tuple[Model, ...]:
         """``off`` without lamps, and by day."""

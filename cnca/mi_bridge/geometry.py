@@ -14,6 +14,7 @@ from cnca.mi_bridge.lamp_shapes import lamp_shapes
 from cnca.mi_bridge.variant import dr, mi
 from cnca.mi_bridge.wet import wet_principled
 from cnca.mi_bridge.world_shapes import holed_surfaces, make_mesh, world_shapes
+from cnca.mi_bridge.xml_world import xml_shapes
 from cnca.scene.cameras import View
 from cnca.scene.materials import Material
 from cnca.vehicle.model import Part, Vehicle
@@ -123,11 +124,15 @@ class Geometry:
         ``lit`` says whether the world's lamps are on.
         The world's many BSDFs live as long as these: kernels made meanwhile hold the code of all.
         """
-        shapes = world_shapes(world, lit=lit, wetness=self.wetness)
-        holed = [shapes.pop(name) for name in holed_surfaces(world)]
-        squares, lamps = lamp_shapes(world.lamps if lit else ())
-        lamps = lamps or [s.emitter() for s in shapes.values() if s.emitter() is not None]
-        solid = [*shapes.values(), *squares, *([self.ground] if world.ground else [])]
+        if world.xml is not None:
+            loaded = xml_shapes(world.xml, lit=lit)
+            solid, holed, lamps = loaded.solid, loaded.holed, loaded.lamps
+        else:
+            shapes = world_shapes(world, lit=lit, wetness=self.wetness)
+            holed = [shapes.pop(name) for name in holed_surfaces(world)]
+            squares, lamps = lamp_shapes(world.lamps if lit else ())
+            lamps = lamps or [s.emitter() for s in shapes.values() if s.emitter() is not None]
+            solid = [*shapes.values(), *squares, *([self.ground] if world.ground else [])]
         bare = copy(self)
         bare._shapes, bare._own, bare._panes = {}, {}, False
         bare._surround(solid, holed, lamps)

@@ -95,7 +95,7 @@ class WorldSection(Section):
     """What stands around the vehicle; ``world: FILE`` is short for ``world: {file: FILE}``."""
 
     file: str
-    """``builtin:NAME`` or the path of an OBJ, PLY, glTF or GLB file."""
+    """``builtin:NAME`` or the path of an OBJ, PLY, glTF, GLB or Mitsuba XML file."""
     missing: str | None = None
     """What to tell a user who does not have the file: what to put where."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -109,7 +109,7 @@ class WorldSection(Section):
     places: tuple[tuple[Coordinate, Coordinate, Coordinate], ...] = ()
     """x, y and heading of the places that variation draws from; built-in worlds know theirs."""
     up: Literal["x", "y", "z"] | None = None
-    """The file's upward axis; by default y for glTF, else z."""
+    """The file's upward axis; by default y for glTF and Mitsuba XML, else z."""
     scale: Positive = 1.0
     """Metres per unit of the file."""
     lamps: Switch = "auto"

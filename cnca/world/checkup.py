@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from cnca.core.errors import SceneError
-from cnca.world.mesh import load_world
+from cnca.world.mitsuba_xml import MitsubaXml
 from cnca.world.model import Piece, World
 from cnca.world.reading import read_world
+from cnca.world.resolve import load_file
 from cnca.world.stand import bounds, ground_under
 
 SMALLEST, LARGEST = 10.0, 5000.0
@@ -39,13 +40,8 @@ def check_world(path: Path, *, up: str | None = None, scale: float = 1.0) -> Wor
 
     Raises MeshError where the file cannot be read at all.
     """
-    reading = read_world(path)
-    world = load_world(path, up=up, scale=scale)
-    findings = [f"note     picture {name}: lies at {file}" for name, file in reading.moved.items()]
-    findings += [
-        f"warning  {name}: lies nowhere near; its surface is grey → put it beside the file"
-        for name in dict.fromkeys(reading.missing)
-    ]
+    world = load_file(path, up=up, scale=scale)
+    findings = _of_mesh(path) if world.xml is None else _of_xml(world.xml)
     section: dict[str, object] = {"file": str(path)}
     section |= ({"up": up} if up else {}) | ({"scale": scale} if scale != 1 else {})
     low, high = bounds(world)
@@ -68,6 +64,24 @@ def check_world(path: Path, *, up: str | None = None, scale: float = 1.0) -> Wor
     else:
         findings.append("error    nowhere is there free, level ground → check world.scale and up")
     return WorldCheckup(tuple(findings), section, bool(places))
+
+
+def _of_mesh(path: Path) -> list[str]:
+    """What there is to say about the pictures of a mesh file."""
+    reading = read_world(path)
+    findings = [f"note     picture {name}: lies at {file}" for name, file in reading.moved.items()]
+    return findings + [
+        f"warning  {name}: lies nowhere near; its surface is grey → put it beside the file"
+        for name in dict.fromkeys(reading.missing)
+    ]
+
+
+def _of_xml(xml: MitsubaXml) -> list[str]:
+    """What of a scene of Mitsuba's is left out, and whether it shines."""
+    findings = [f"note     {kind}: left out, ours is taken" for kind in xml.ignored]
+    if xml.lamps:
+        findings.append(f"note     {xml.lamps} lamps: on at night, or always by world.lamps: on")
+    return findings
 
 
 def _level_area(world: World, axis: int) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from cnca.scene.materials import LinearRgb
+from cnca.world.mitsuba_xml import MitsubaXml
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,15 @@ class World:
     """Whether endless flat ground lies under it at z = 0; else its own pieces are the ground."""
     source: Mapping[str, str] = field(default_factory=dict)
     """Files that it was made of → SHA-256, for manifests and the keys of kept pictures."""
+    xml: MitsubaXml | None = None
+    """The scene of Mitsuba's that it is; then its pieces only say where things stand."""
+
+    @property
+    def lamp_count(self) -> int:
+        """How many lamps there are; surfaces that glow count as one."""
+        if self.xml is not None:
+            return self.xml.lamps
+        return len(self.lamps) or int(any(surface.glows for surface in self.surfaces.values()))
 
     def around(self, place: Place) -> World:
         """The world moved so that ``place`` is the origin and heads along +x."""
@@ -132,4 +142,9 @@ class World:
             )
             for lamp in self.lamps
         )
-        return replace(self, pieces=moved, places=tuple(places), lamps=lamps)
+        xml = self.xml
+        if xml is not None:
+            to_here = np.eye(4)
+            to_here[:3, :3], to_here[:3, 3] = turn, -turn @ foot
+            xml = replace(xml, to_here=to_here @ xml.to_here)
+        return replace(self, pieces=moved, places=tuple(places), lamps=lamps, xml=xml)

@@ -59,9 +59,18 @@ def resolve_world(section: WorldSection, base: Path, seed: int = 0) -> World:
 def _from_file(section: WorldSection, path: Path) -> World:
     if section.missing and not path.exists():
         raise MeshError(f"{path}: no such file; {section.missing}")
+    return load_file(path, up=section.up, scale=section.scale)
+
+
+def load_file(path: Path, *, up: str | None, scale: float) -> World:
+    """A mesh, or a scene in Mitsuba's XML; raises MeshError for what is neither."""
+    if path.suffix.lower() == ".xml":
+        from cnca.world.xml_world import load_xml_world
+
+        return load_xml_world(path, up=up, scale=scale)
     from cnca.world.mesh import load_world
 
-    return load_world(path, up=section.up, scale=section.scale)
+    return load_world(path, up=up, scale=scale)
 
 
 def _chosen(section: WorldSection, world: World) -> Place:

@@ -136,9 +136,33 @@ def test_a_matt_vehicle_has_no_coat():
 
 
 def test_reference_takes_the_best_of_everything():
-    chosen = plan(holding(FOGGY, glass=0.1, surroundings=1), Demand(reference=True))
+    everything = holding(FOGGY, glass=0.1, surroundings=1, lamps=3, wetness=0.5)
+    everything = replace(everything, weather=replace(FOGGY.weather, lamps="on"))
+    chosen = plan(everything, Demand(reference=True))
     best = {effect: ladder[-1] for effect, ladder in LADDERS.items()}
     assert chosen.models == best | {"sky": "map", "samples": 1024}
+
+
+@pytest.mark.parametrize(
+    ("weather", "lamps", "model", "why"),
+    [
+        (Weather(sun_altitude=-9), 0, "off", "nothing around the vehicle shines"),
+        (Weather(sun_altitude=9), 5, "off", "the sun is up"),
+        (Weather(sun_altitude=-9), 5, "sampled", "the sun is down, 5 of them"),
+        (Weather(sun_altitude=-9, lamps="off"), 5, "off", "turned off"),
+        (Weather(sun_altitude=9, lamps="on"), 5, "sampled", "turned on, 5 of them"),
+    ],
+)
+def test_lamps_are_sampled_where_there_are_some_and_they_are_on(weather, lamps, model, why):
+    chosen = plan(holding(replace(CLEAR, weather=weather), lamps=lamps), Demand())
+    assert chosen["lamps"] == model
+    row = next(row for row in explain(chosen, PRICES) if row.effect == "lamps")
+    assert row.why.startswith(why)
+
+
+@pytest.mark.parametrize(("wetness", "model"), [(0.0, "dry"), (0.3, "film")])
+def test_wet_ground_is_a_film_and_dry_ground_none(wetness, model):
+    assert plan(holding(CLEAR, wetness=wetness), Demand())["wetness"] == model
 
 
 @pytest.mark.parametrize("visibility", [50_000.0, 1e9])

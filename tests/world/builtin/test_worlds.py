@@ -49,7 +49,29 @@ def test_surfaces_are_used_and_within_what_materials_reflect(world: World):
             assert max(surface.texture.shape) <= 1024
             linear = ((surface.texture / 255 + 0.055) / 1.055) ** 2.4 * surface.base_color
             assert linear.mean() < 0.75, piece.surface
-        assert surface.emission == (0.0, 0.0, 0.0)
+        assert surface.glows == (piece.surface in ("pane", "display"))
+
+
+def test_lamps_hang_over_the_road_or_belong_to_traffic(world: World):
+    """Downwards from 6 m on, or level and low: two white and two red ones to a car that drives."""
+    assert len(world.lamps) > 4
+    for lamp in world.lamps:
+        assert np.linalg.norm(lamp.direction) == pytest.approx(1)
+        high = lamp.position[2] > 6.0
+        assert (lamp.direction[2] < -0.99) == high
+        assert high or 0.3 < lamp.position[2] < 1.5
+    low = [lamp for lamp in world.lamps if lamp.position[2] < 2.0]
+    beams = [lamp for lamp in low if lamp.beam]
+    assert len(low) == 2 * len(beams)
+    assert len(beams) % 2 == 0
+
+
+def test_lamps_turn_with_their_world(world: World):
+    moved = world.around(Place(3.0, -2.0, 0.0, 90.0))
+    for lamp, other in zip(world.lamps, moved.lamps, strict=True):
+        (x, y, _), (a, b, _) = lamp.position, other.position
+        assert (a, b) == pytest.approx((y + 2.0, 3.0 - x))
+        assert other.direction[:2] == pytest.approx((lamp.direction[1], -lamp.direction[0]))
 
 
 def test_labels_are_those_of_coco_and_pieces_belong_to_one_object(world: World):
