@@ -91,6 +91,16 @@ class GroundSection(Section):
     """Of the ground, a world's too: up to 0.5 a film of water, then puddles."""
 
 
+class WorldPart(Section):
+    """Another file that stands in the world, read as the world's own is."""
+
+    file: str
+    at: tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Coordinate]
+    """Where its origin lies: metres in the world's axes, +z up."""
+    heading: Annotated[float, Field(ge=-360, le=720)] = 0.0
+    """By how many degrees it is turned counter-clockwise."""
+
+
 class WorldSection(Section):
     """What stands around the vehicle; ``world: FILE`` is short for ``world: {file: FILE}``."""
 
@@ -112,6 +122,8 @@ class WorldSection(Section):
     """The file's upward axis; by default y for glTF and Mitsuba XML, else z."""
     scale: Positive = 1.0
     """Metres per unit of the file."""
+    parts: tuple[WorldPart, ...] = ()
+    """More files that stand in it, such as the houses of a town."""
     lamps: Switch = "auto"
     """Street lamps, lights of traffic and windows; ``auto`` turns them on when the sun is down."""
 

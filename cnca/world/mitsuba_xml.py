@@ -177,8 +177,8 @@ def _step(step: ET.Element) -> Matrix:
         size = math.isqrt(len(values))
         matrix[:size, :size] = np.reshape(values, (size, size))
     elif step.tag == "lookat":
-        named = ("origin", "target", "up")
-        matrix = _look_at(*(np.array(_triple(step.get(name, ""))) for name in named))
+        ends = (_triple(step.get(name, "0, 0, 0")) for name in ("origin", "target"))
+        matrix = _look_at(*map(np.array, ends), np.array(_triple(step.get("up", "0, 1, 0"))))
     else:
         raise ValueError(f"<{step.tag}> in a transform")
     return matrix
@@ -195,7 +195,7 @@ def _look_at(
     origin: Float[np.ndarray, "3"], target: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]
 ) -> Matrix:
     forward = (target - origin) / np.linalg.norm(target - origin)
-    left = np.cross(up if up.size else [0.0, 1.0, 0.0], forward)
+    left = np.cross(up, forward)
     left /= np.linalg.norm(left)
     matrix = np.eye(4)
     matrix[:3] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)

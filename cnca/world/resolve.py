@@ -9,6 +9,7 @@ from pathlib import Path
 from cnca.core.errors import MeshError, SceneError
 from cnca.scene.cameras import Spot
 from cnca.scene.schema import WorldSection
+from cnca.world.compose import composed, placed
 from cnca.world.model import Place, World
 from cnca.world.stand import ground_under
 
@@ -50,16 +51,29 @@ def resolve_world(section: WorldSection, base: Path, seed: int = 0) -> World:
 
         world = build(section.file.removeprefix(BUILTIN), section.seed + seed)
     else:
-        world = _from_file(section, base / section.file)
+        world = _from_file(section, base)
     listed = [Place(x, y, ground_under(world, x, y), heading) for x, y, heading in section.places]
     known = listed if listed or not section.file.startswith(BUILTIN) else world.places
     return replace(world, places=(_chosen(section, world), *known))
 
 
-def _from_file(section: WorldSection, path: Path) -> World:
+def _from_file(section: WorldSection, base: Path) -> World:
+    path = base / section.file
     if section.missing and not path.exists():
         raise MeshError(f"{path}: no such file; {section.missing}")
-    return load_file(path, up=section.up, scale=section.scale)
+    world = load_file(path, up=section.up, scale=section.scale)
+    if not section.parts:
+        return world
+    kinds = {
+        name: load_file(base / name, up=section.up, scale=section.scale)
+        for name in dict.fromkeys(part.file for part in section.parts)
+    }
+    parts = []
+    for part in section.parts:
+        x, y, *height = part.at
+        place = Place(x, y, height[0] if height else 0.0, part.heading)
+        parts.append(placed(kinds[part.file], place))
+    return composed(path.stem, [world, *parts])
 
 
 def load_file(path: Path, *, up: str | None, scale: float) -> World:
