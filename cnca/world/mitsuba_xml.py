@@ -177,8 +177,8 @@ def _step(step: ET.Element) -> Matrix:
         size = math.isqrt(len(values))
         matrix[:size, :size] = np.reshape(values, (size, size))
     elif step.tag == "lookat":
-        ends = (_triple(step.get(name, "0, 0, 0")) for name in ("origin", "target"))
-        matrix = _look_at(*map(np.array, ends), np.array(_triple(step.get("up", "0, 1, 0"))))
+        origin, target = (np.array(_triple(step.get(end, ""))) for end in ("origin", "target"))
+        matrix = _look_at(origin, target, np.array(_triple(step.get("up", "0, 1, 0"))))
     else:
         raise ValueError(f"<{step.tag}> in a transform")
     return matrix
