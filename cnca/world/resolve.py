@@ -11,6 +11,7 @@ from cnca.scene.cameras import Spot
 from cnca.scene.schema import WorldSection
 from cnca.world.compose import composed, placed
 from cnca.world.model import Place, World
+from cnca.world.sight import Sight
 from cnca.world.stand import ground_under
 
 BUILTIN = "builtin:"
@@ -23,13 +24,19 @@ WORLDS_KEPT = 4
 def world_at(section: WorldSection, base: Path, spot: Spot) -> World:
     """The world moved so that the spot is the origin and the vehicle there faces +x.
 
-    Raises as :func:`resolve_world` does.
+    Raises as :func:`resolve_world` does, and SceneError where something stands in the vehicle.
     """
     world = resolve_world(section, base, spot.seed)
     chosen, *others = world.places
     if spot.place is not None and others:
         chosen = others[int(spot.place * len(others))]
-    return world.around(chosen)
+    moved = world.around(chosen)
+    if not Sight(moved).is_free():
+        raise SceneError(
+            f"world: something of {world.name} stands inside the vehicle at ({chosen.x:g}, "
+            f"{chosen.y:g}); move it by world.at, `cnca check-world` names free places"
+        )
+    return moved
 
 
 @lru_cache(maxsize=WORLDS_KEPT)

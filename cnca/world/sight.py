@@ -13,6 +13,9 @@ TARGETS = np.stack(
 ).reshape(-1, 3)
 """Points of a car around the origin, in metres."""
 
+INSIDE = np.array([[x, y, 0.8] for x in (-1.5, 0.0, 1.5) for y in (-0.5, 0.5)])
+"""Points well within any car, in metres; a low kerb or a bridge is not between them."""
+
 
 class Sight:
     """A world around the origin, to look through from many sides."""
@@ -21,6 +24,13 @@ class Sight:
         triangles = [piece.vertices[piece.faces] for piece in world.pieces if len(piece.faces)]
         self._corners = np.concatenate(triangles) if triangles else np.zeros((0, 3, 3))
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+
+    def is_free(self) -> bool:
+        """Whether nothing stands between points within a car in the origin, such as a wall."""
+        low, high = INSIDE.min(axis=0), INSIDE.max(axis=0)
+        near = ((self._low <= high) & (self._high >= low)).all(axis=1)
+        corners = self._corners[near]
+        return not any(blocked(start, INSIDE, corners).any() for start in INSIDE)
 
     def share(self, view: View) -> float:
         """Share in [0, 1] of a car in the origin that no triangle hides from the camera.

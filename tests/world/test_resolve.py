@@ -71,6 +71,15 @@ def test_a_place_off_the_ground_names_where_there_is_some(town):
         _built(town(at=[50, 0]))
 
 
+def test_a_vehicle_inside_a_wall_is_an_error(town, tmp_path):
+    wall = "usemtl bridge\nv 20 -9 0\nv 20 9 0\nv 20 9 5\nv 20 -9 5\nf 9 10 11 12\n"
+    with (tmp_path / "meshes" / "town.obj").open("a") as file:
+        file.write(wall)
+    with pytest.raises(SceneError, match=r"stands inside the vehicle at \(20.5, 0\); move it"):
+        _built(town(at=[20.5, 0, 0]))
+    _built(town(at=[24, 0, 0]))
+
+
 def test_a_picture_is_found_where_it_lies_and_stands_for_the_color(town):
     surface = _built(town()).surfaces["road"]
     assert surface.base_color == (1, 1, 1)
