@@ -11,7 +11,9 @@ from cnca.attack.targets import Target
 from cnca.core.color import linear_to_srgb
 from cnca.core.detections import LEAST_SCORE
 from cnca.core.types import Boxes, Detections, LinearTexture, SrgbImages
+from cnca.detect.classes import VEHICLE
 from cnca.judge.scores import average_precision, detection_score
+from cnca.judge.truth import Truth, others_in
 from cnca.scene.cameras import View
 from cnca.scene.protocols import Detector, Renderer
 from cnca.scene.weather import Weather
@@ -70,6 +72,8 @@ def evaluate(
 ) -> dict[str, dict[str, Result]]:
     """Let every target look at every texture in every shot: name of target → of texture → result.
 
+    Reports of other vehicles of the world are neither hits nor false alarms.
+
     Args:
         albedos: name → linear texture.
         advance: called after each rendered weather, for a progress bar.
@@ -81,15 +85,18 @@ def evaluate(
         for name, albedo in albedos.items():
             images[name].append(photograph(renderer, albedo, shots, weather))
             advance()
+    others = [seen for views in shots.views for seen in others_in(renderer, views)]
+    truth = Truth(boxes, others)
     results: dict[str, dict[str, Result]] = {target.name: {} for target in targets}
     for name, drawn in images.items():
         for target in targets:
-            results[target.name][name] = _judge(target, SrgbImages(torch.cat(drawn)), boxes)
+            results[target.name][name] = _judge(target, SrgbImages(torch.cat(drawn)), truth)
     return results
 
 
-def _judge(target: Target, images: SrgbImages, boxes: Boxes) -> Result:
-    detections, label = look(target.detector, images), target.label
+def _judge(target: Target, images: SrgbImages, truth: Truth) -> Result:
+    detections, label, boxes = look(target.detector, images), target.label, truth.boxes
     scores = [detection_score(d, box, label) for d, box in zip(detections, boxes, strict=True)]
     truths = [box[None] for box in boxes]
-    return Result(images, boxes, detections, scores, average_precision(detections, truths, label))
+    precision = average_precision(detections, truths, label, ignored=truth.ignored(VEHICLE))
+    return Result(images, boxes, detections, scores, precision)

@@ -177,6 +177,7 @@ def average_precision(
     *,
     kind: Kind = "voc",
     iou_threshold: float = MATCH,
+    ignored: Sequence[Boxes] | None = None,
 ) -> float:
     """Average precision in [0, 1] of one class over many images; arguments as in :func:`rank`.
 
@@ -185,7 +186,9 @@ def average_precision(
     """
     if not any(len(boxes) for boxes in truths):
         raise ValueError("average precision is undefined: no image holds an object")
-    ranking = rank(detections, truths, label, kind=kind, iou_threshold=iou_threshold)
+    ranking = rank(
+        detections, truths, label, kind=kind, iou_threshold=iou_threshold, ignored=ignored
+    )
     once = torch.ones(1, len(truths), dtype=torch.float64)
     return float(ranking.average_precision(once))
 

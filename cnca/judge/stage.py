@@ -20,10 +20,10 @@ from cnca.judge.evaluate import Shots, look, photograph
 from cnca.judge.gallery import Arrays, digest, kept_detections, kept_pictures, recall
 from cnca.judge.records import FrameFit
 from cnca.judge.rows import IGNORE
-from cnca.judge.truth import Other, Truth
+from cnca.judge.truth import Other, Truth, others_in
 from cnca.judge.verdict import Seen
 from cnca.scene.cameras import View
-from cnca.scene.protocols import Detector, Renderer, SightingRenderer
+from cnca.scene.protocols import Detector, Renderer
 from cnca.scene.schema import Scene
 
 
@@ -90,14 +90,7 @@ class Stage:
 
     def others_seen(self) -> list[list[Other]]:
         """Of every view, what else with a label is in it."""
-        renderer = self.renderer
-        if not isinstance(renderer, SightingRenderer):
-            return [[] for _ in self.places]
-        return [
-            [Other(seen.label, seen.box, seen.occluded) for seen in view]
-            for views in self.shots.views
-            for view in renderer.sightings(views)
-        ]
+        return [seen for views in self.shots.views for seen in others_in(self.renderer, views)]
 
     def pictures(self, row: str, weather: int) -> SrgbImages:
         """The pictures of one row in one weather, taken where they are not kept."""

@@ -10,6 +10,8 @@ import torch
 from cnca.core.types import Boxes
 from cnca.detect.classes import CAR, VEHICLE, counted, known_name
 from cnca.judge.rows import COUNT, IGNORE
+from cnca.scene.cameras import View
+from cnca.scene.protocols import Renderer, SightingRenderer
 
 LEAST_SEEN, LEAST_WIDTH = 0.25, 16
 """Share of another vehicle that must be seen, and pixels across, for it to be one to find: those
@@ -31,6 +33,16 @@ class Other:
         """Whether enough of it is seen, for one that counts."""
         wide = self.box[2] - self.box[0] >= LEAST_WIDTH
         return wide and 1 - self.occluded >= LEAST_SEEN
+
+
+def others_in(renderer: Renderer, views: Sequence[View]) -> list[list[Other]]:
+    """Of each view, what else with a label is in it; nothing where the renderer knows of none."""
+    if not isinstance(renderer, SightingRenderer):
+        return [[] for _ in views]
+    return [
+        [Other(seen.label, seen.box, seen.occluded) for seen in view]
+        for view in renderer.sightings(views)
+    ]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from cnca.core.types import Boxes, LinearImages, LinearTexture, PlainPictures
 from cnca.mi_bridge.portions import REST, vehicle_part
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
+from cnca.scene.layers import Sighting
 from cnca.scene.weather import Weather
 
 BACKGROUND_SEED = 0x2545F491
@@ -93,6 +94,14 @@ class KeptBackgrounds:
         if new:
             self._boxes.update(zip(new, self.renderer.vehicle_boxes(new), strict=True))
         return torch.stack([self._boxes[view] for view in views])
+
+    def sightings(self, views: Sequence[View]) -> list[list[Sighting]]:
+        """What else with a label each view shows; see :class:`MitsubaRenderer`."""
+        return self.renderer.sightings(views)
+
+    def visible_shares(self, views: Sequence[View]) -> list[float]:
+        """Share of the vehicle in each view that nothing hides; see :class:`MitsubaRenderer`."""
+        return self.renderer.visible_shares(views)
 
     @torch.no_grad()
     def reference(

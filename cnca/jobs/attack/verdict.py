@@ -48,7 +48,12 @@ def judge(request: Request, attack: Attack, progress: Progress, console: Console
         textures["seeds"] = best_of_seeds(attack, settings, request.control_seeds)
     albedos = {name: attack.paint.apply(painted) for name, painted in textures.items()}
     shots = held_out_shots(scene, request.held_out_views, settings.seed)
-    renderer = build.build_renderer(scene, build.build_vehicle(scene), backend=request.backend)
+    # The path tracer, whatever backend the loop has.  What lies around the vehicle is seen beside
+    # its plain paint, once for all textures.
+    vehicle, samples = build.build_vehicle(scene), scene.image.samples
+    renderer = build.build_loop_renderer(
+        scene, vehicle, attack.paint, backend="mitsuba", samples=samples
+    )
     with bar(console) as shown:
         task = shown.add_task("held-out views", total=len(albedos) * len(shots.weathers))
         results = evaluate(renderer, attack.targets, albedos, shots, lambda: shown.advance(task))
