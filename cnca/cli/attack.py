@@ -159,14 +159,14 @@ def demo(
     ),
     steps: Annotated[
         int, typer.Option(help="Updates of the noises.", rich_help_panel=STRENGTH)
-    ] = 40,
+    ] = 80,
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
     from cnca.attack.settings import Settings
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     # Views that come back soon: the first look at one in a street takes longer than the step.
-    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=8, view_pool=48)
+    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=8, view_pool=48, learning_rate=0.3)
     request = Request(
         DEMO_SCENE,
         out,
@@ -176,7 +176,7 @@ def demo(
         held_out_views=16,
         resume=resume,
     )
-    request = under_preset(request, but=["minutes", "views_per_step", "view_pool"])
+    request = under_preset(request, but=["minutes", "views_per_step", "view_pool", "learning_rate"])
     run_attack(request)
 
 
