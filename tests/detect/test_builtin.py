@@ -10,6 +10,7 @@ from cnca.core.errors import CncaError, DetectorError, RunError
 from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
 from cnca.train.detector.builtin import train_builtin
 from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.request import DetectorRequest
 from cnca.train.detector.training import DetectorTask, Settings, start
 from cnca.train.detector.yolo_loss import Targets
 from cnca.train.loop import TrainingState
@@ -95,24 +96,31 @@ def test_files(name):
     assert all(file.exists() for file in files)
 
 
+def request(out, **more):
+    return DetectorRequest(**{"out": out, "pictures": 15, "streets": 0, "epochs": 1} | more)
+
+
 def test_unknown_kind(tmp_path):
     with pytest.raises(DetectorError, match="kind 'anchorfree': unknown; .*'anchor-free'"):
-        train_builtin(tmp_path, kind="anchorfree", pictures=15, epochs=1, seed=0, resume=False)
+        train_builtin(request(tmp_path, kind="anchorfree"), resume=False)
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"epochs": 0}, "--epochs 0: a training needs"), ({"pictures": 0}, "--pictures 0: give")],
+    [
+        ({"epochs": 0}, "--epochs 0: a training needs"),
+        ({"pictures": 0}, "--pictures 0 --streets 0: give"),
+        ({"held_out": ("Town04",)}, "--held-out: names frames; give --frames"),
+    ],
 )
 def test_nothing_to_train(tmp_path, options, message):
-    settings = {"kind": "yolo", "pictures": 15, "epochs": 1, "seed": 0, "resume": False} | options
     with pytest.raises(CncaError, match=message):
-        train_builtin(tmp_path, **settings)
+        train_builtin(request(tmp_path, **options), resume=False)
 
 
 def test_a_folder_that_holds_a_training_is_refused_before_any_picture(tmp_path):
     (tmp_path / "yolo").mkdir()
     (tmp_path / "yolo" / "detector.pt").touch()
     with pytest.raises(RunError, match="yolo: already holds a training; add --resume"):
-        train_builtin(tmp_path, kind="yolo", pictures=15, epochs=1, seed=0, resume=False)
+        train_builtin(request(tmp_path), resume=False)
     assert [path.name for path in tmp_path.iterdir()] == ["yolo"]
