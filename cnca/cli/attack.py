@@ -161,14 +161,14 @@ def demo(
     ),
     steps: Annotated[
         int, typer.Option(help="Updates of the noises.", rich_help_panel=STRENGTH)
-    ] = 60,
+    ] = 40,
 ) -> None:
     """The main job on what ships with the package: a few minutes on two cores."""
     from cnca.attack.settings import Settings
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     # Views that come back soon: the first look at one in a street takes longer than the step.
-    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=8, view_pool=48)
+    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=6, view_pool=96)
     request = Request(
         DEMO_SCENE,
         out,

@@ -18,8 +18,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "best": {
         "variable": "noise",
         "objective": "odds",
-        "texture_size": 256,
-        "pattern_size": 0.25,
+        "texture_size": 512,
         "ddim_steps": 8,
         "learning_rate": 0.1,
         "decay": True,
