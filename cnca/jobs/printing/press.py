@@ -86,7 +86,8 @@ def difference(
     """ΔE2000 (CIE 142:2001) of sRGB values, under D50."""
     import colour
 
-    return colour.delta_E(lab_of_srgb(one), lab_of_srgb(other), method="CIE 2000")
+    differences = colour.delta_E(lab_of_srgb(one), lab_of_srgb(other), method="CIE 2000")
+    return np.asarray(differences)  # of one pair a number
 
 
 def lab_of_inks(inks: Inks) -> Lab:
