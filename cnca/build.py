@@ -37,7 +37,6 @@ from cnca.scene.named_files import named_files
 from cnca.scene.paint import Paint
 from cnca.scene.protocols import Detector, LoopRenderer, Residual, TextureGenerator
 from cnca.scene.schema import CarlaCamera, Scene
-from cnca.vehicle.mesh.companions import mesh_companions
 from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.masks import pad_mask, paint_mask
@@ -358,8 +357,11 @@ def scene_files(scene: Scene, scene_file: Path) -> list[Path]:
 
 def files_behind(scene: Scene) -> list[Path]:
     """All files that a scene names, and those that these name in turn."""
-    named = named_files(scene)
-    files = named + [file for path in named for file in mesh_companions(path)]
+    files = named = named_files(scene)
+    if named:
+        from cnca.vehicle.mesh.companions import mesh_companions  # loads trimesh
+
+        files = named + [file for path in named for file in mesh_companions(path)]
     if scene.world and not scene.world.file.startswith("builtin:"):
         files += map(Path, resolve_world(scene.world, scene.base).source)
     return list(dict.fromkeys(files))

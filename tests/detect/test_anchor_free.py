@@ -95,7 +95,7 @@ def test_descends_to_the_objects(count):
         AnchorFreeHead(1).start(values.view(2, 5, -1)[0, :, 0], 0.01)
         values.requires_grad_()
     optimizer = torch.optim.Adam(raw, 0.1)
-    for _ in range(300):
+    for _ in range(500):
         losses = anchor_free_loss(heads, raw, targets, (64, 64))
         optimizer.zero_grad()
         torch.stack(list(losses.values())).sum().backward()
