@@ -10,10 +10,11 @@ from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray
 
 PACKAGE = Path(__file__).parents[1] / "cnca"
-UNCHECKED = ("integrator.py", "panes.py", "bridge.py")
+UNCHECKED = ("integrator.py", "panes.py", "bridge.py", "meshes.py", "site.py")
 """Kernels, which Dr.Jit compiles anew from their source: it would compile the check; and the custom
 operation, whose gradient is lost when its methods are wrapped. They take no arrays but one, only
-Dr.Jit's own types."""
+Dr.Jit's own types. The meshes of built-in worlds: checks of thousands of calls take longer than
+they do."""
 UNCHECKED_ROOMS = ("gen", "mi_bridge", "train")
 """Their annotations have not been tried yet, or not all of them are right."""
 
