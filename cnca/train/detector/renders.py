@@ -108,7 +108,10 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
         samples=SAMPLES,
         props=_surround(rng),
     )
-    weathers = [_weather(rng) for _ in range(WEATHERS_PER_SCENE)]
+    weathers = [
+        draw_weather(rng, lowest_sun=8, least_sight=40, fog_share=FOG_SHARE)
+        for _ in range(WEATHERS_PER_SCENE)
+    ]
     pictures = []
     for k in range(PICTURES_PER_SCENE):
         group = cast.groups[(scene * PICTURES_PER_SCENE + k) % len(cast.groups)]
@@ -136,14 +139,14 @@ def _surround(rng: np.random.Generator) -> tuple[Part, ...]:
     return tuple(ring)
 
 
-def _weather(rng: np.random.Generator) -> Weather:
-    fog = (
-        Fog(float(np.exp(rng.uniform(np.log(40), np.log(600)))))
-        if rng.random() < FOG_SHARE
-        else None
-    )
+def draw_weather(
+    rng: np.random.Generator, *, lowest_sun: float, least_sight: float, fog_share: float
+) -> Weather:
+    """Sun from ``lowest_sun`` to 75°, sometimes overcast; fog of ``least_sight`` to 600 m."""
+    foggy = rng.random() < fog_share
+    fog = Fog(float(np.exp(rng.uniform(np.log(least_sight), np.log(600))))) if foggy else None
     return Weather(
-        sun_altitude=float(rng.uniform(8, 75)),
+        sun_altitude=float(rng.uniform(lowest_sun, 75)),
         sun_azimuth=float(rng.uniform(0, 360)),
         turbidity=float(rng.uniform(2, 6)),
         sun_scale=float(rng.choice([1.0, 1.0, 0.05])),

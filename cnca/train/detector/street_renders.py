@@ -18,9 +18,15 @@ from cnca.core.progress import bar
 from cnca.effects.plan import Demand
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View, orbit_view
-from cnca.scene.weather import Fog, Weather
+from cnca.scene.layers import Sighting
 from cnca.train.detector.parts import Picture, join, save_part
-from cnca.train.detector.renders import BUILTIN_CAST, LOUD, TEXTURE_SIZE, draw_texture
+from cnca.train.detector.renders import (
+    BUILTIN_CAST,
+    LOUD,
+    TEXTURE_SIZE,
+    draw_texture,
+    draw_weather,
+)
 from cnca.world.builtin import BUILTIN_WORLDS, build
 
 SIZE = (256, 416)
@@ -28,8 +34,8 @@ SIZE = (256, 416)
 SAMPLES = 8
 VIEWS, WEATHERS = 8, 2
 """Of a scene; every view is taken in every weather."""
-LOUD_SHARE = 0.15
-"""Of the scenes, how many show their vehicle in loud paint."""
+LOUD_SHARE, FOG_SHARE = 0.15, 0.25
+"""Of the scenes, how many show their vehicle in loud paint; of the weathers, how many are foggy."""
 LEAST_WIDTH, LEAST_SEEN = 9, 0.3
 """Pixels and visible share from which a vehicle is one to find."""
 CAR = 0
@@ -71,7 +77,7 @@ def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
     views = [driver(rng) if k % 2 else _orbit(rng) for k in range(VIEWS)]
     boxes = [_boxes(renderer, view) for view in views]
     for _ in range(WEATHERS):
-        weather = _weather(rng)
+        weather = draw_weather(rng, lowest_sun=6, least_sight=50, fog_share=FOG_SHARE)
         for view, vehicles in zip(views, boxes, strict=True):
             seed = int(rng.integers(2**31))
             with torch.no_grad():
@@ -82,20 +88,14 @@ def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
 
 def _boxes(renderer: MitsubaRenderer, view: View) -> list[list[float]]:
     """xyxy and class of every vehicle, ours and the traffic's, that is wide and free enough."""
-    [share], [mask] = renderer.visible_shares([view]), renderer.vehicle_mask([view])
-    found = [([*_extent(mask > 0.5)], share)] if (mask > 0.5).any() else []
-    traffic = [seen for seen in renderer.sightings([view])[0] if seen.label in VEHICLES]
-    found += [([*map(float, seen.box)], 1 - seen.occluded) for seen in traffic]
+    [share], [mask] = renderer.visible_shares([view]), renderer.vehicle_mask([view]) > 0.5
+    seen = [Sighting("car", mask, 1 - share)] if mask.any() else []
+    seen += [other for other in renderer.sightings([view])[0] if other.label in VEHICLES]
     return [
-        [*box, CAR]
-        for box, visible in found
-        if box[2] - box[0] >= LEAST_WIDTH and visible >= LEAST_SEEN
+        [*map(float, vehicle.box), CAR]
+        for vehicle in seen
+        if vehicle.box[2] - vehicle.box[0] >= LEAST_WIDTH and 1 - vehicle.occluded >= LEAST_SEEN
     ]
-
-
-def _extent(mask: np.ndarray) -> tuple[float, float, float, float]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return float(columns[0]), float(rows[0]), columns[-1] + 1.0, rows[-1] + 1.0
 
 
 def driver(rng: np.random.Generator) -> View:
@@ -131,15 +131,4 @@ def _orbit(rng: np.random.Generator) -> View:
         width=width,
         height=height,
         target=(float(aim[0]), float(aim[1]), 0.7 + abs(float(aim[2])) / 3),
-    )
-
-
-def _weather(rng: np.random.Generator) -> Weather:
-    fog = Fog(float(np.exp(rng.uniform(np.log(50), np.log(600))))) if rng.random() < 0.25 else None
-    return Weather(
-        sun_altitude=float(rng.uniform(6, 75)),
-        sun_azimuth=float(rng.uniform(0, 360)),
-        turbidity=float(rng.uniform(2, 6)),
-        sun_scale=float(rng.choice([1.0, 1.0, 0.05])),
-        fog=fog,
     )

@@ -103,9 +103,7 @@ def _texture(
     use = measure_uvs(pieces, sight, mask)
     if not section.base_texture and paint_picture(pieces) is not None:
         number = "the file has a picture of what it paints"
-        yield Finding(
-            "note", "base_texture", number, "check-vehicle --out writes and names it"
-        )
+        yield Finding("note", "base_texture", number, "check-vehicle --out writes and names it")
     command = reorder_command(section, base, source)
     # New UVs would leave behind what is drawn on the file's own: reorder-uv carries it over.
     unwrap = {} if drawn else {"unwrap": True}
