@@ -186,3 +186,23 @@ def test_a_matt_roof_is_shaded_as_the_path_tracer_shades_it(vehicle):
     ratio = found.sum(dim=1)[roof] / expected.sum(dim=1)[roof]
     assert ratio.mean() == pytest.approx(1.0, abs=0.02)
     assert ratio.std() < 0.03
+
+
+def test_backgrounds_come_before_any_shading(renderer):
+    """A traced world is let go by the first shading: all views of a step are traced before."""
+    log, views = [], [orbit(), orbit(azimuth=90)]
+    kept = KeptBackgrounds(renderer, PLAIN)
+    background, shading = kept.background, TracedShading(kept, 1)
+
+    def look(view, weather):
+        log.append("background")
+        return background(view, weather)
+
+    def shade(view, weather, albedo):
+        log.append("shading")
+        return shading(view, weather, albedo)
+
+    kept.background = look
+    LookupRenderer(kept, shade).render(texture(), views, Weather(), seed=0)
+    assert log[:2] == ["background"] * 2
+    assert log.count("shading") == 2
