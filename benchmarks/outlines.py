@@ -18,6 +18,7 @@ from cnca import build
 from cnca.scene.carla import read_carla_frame
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import CarlaCamera
+from cnca.scene.views import build_views
 from cnca.vehicle.outline import fit_lift, outline_distances, photographed_silhouette, silhouette
 
 
@@ -27,7 +28,7 @@ def main() -> None:
     parser.add_argument("scene", type=Path)
     scene = load_scene(parser.parse_args().scene)
     vehicle = build.build_vehicle(scene)
-    for camera, view in zip(scene.cameras, build.build_views(scene), strict=True):
+    for camera, view in zip(scene.cameras, build_views(scene), strict=True):
         if not isinstance(camera, CarlaCamera):
             continue
         photograph = read_carla_frame(scene.base / camera.carla).image

@@ -20,6 +20,7 @@ from cnca import build
 from cnca.effects import daylight
 from cnca.effects.plan import Demand
 from cnca.scene.schema import Scene
+from cnca.scene.views import build_views
 
 SIZE, SAMPLES, RUNS = 96, 16, 6
 
@@ -33,7 +34,7 @@ def measure(file: Path) -> list[str]:
             "image": {"width": SIZE, "height": SIZE},
         }
     )
-    vehicle, views, weather = build.build_vehicle(scene), build.build_views(scene), scene.weather()
+    vehicle, views, weather = build.build_vehicle(scene), build_views(scene), scene.weather()
     albedo = build.build_paint(scene, vehicle).apply()
     renderer = build.build_renderer(scene, vehicle)
     mask = torch.from_numpy(renderer.vehicle_mask(views)[0] == 1)

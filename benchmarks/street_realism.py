@@ -41,6 +41,7 @@ from cnca.scene.carla import read_carla_frame
 from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import Detector
 from cnca.scene.schema import CarlaCamera, WorldSection
+from cnca.scene.views import build_views
 from cnca.scene.weather import Weather
 from cnca.vehicle.builtin.sedan import build_sedan
 from cnca.world.builtin import BUILTIN_WORLDS
@@ -210,7 +211,7 @@ def frames(options: argparse.Namespace, detector: Detector) -> Count:
 def own_paint(options: argparse.Namespace, detector: Detector) -> None:
     """Print the scores of the scene's vehicle: in the frames, on the plane, in each street."""
     scene = load_scene(options.etron)
-    vehicle, views = build.build_vehicle(scene), build.build_views(scene)
+    vehicle, views = build.build_vehicle(scene), build_views(scene)
     albedo = build.build_paint(scene, vehicle).apply()
     label = build.vehicle_label(detector.class_names)
     files = [camera.carla for camera in scene.cameras if isinstance(camera, CarlaCamera)]

@@ -17,7 +17,6 @@ from cnca.core.errors import (
     CncaError,
     GeneratorError,
     MeshError,
-    SceneError,
     TextureError,
     did_you_mean,
 )
@@ -31,12 +30,11 @@ from cnca.effects.plan import Demand
 from cnca.effects.prices import SHIPPED as SHIPPED_PRICES
 from cnca.effects.protocols import PlanningRenderer
 from cnca.scene import shipped
-from cnca.scene.cameras import Spot, View, orbit_view
-from cnca.scene.carla import carla_view, read_carla_frame
+from cnca.scene.cameras import Spot
 from cnca.scene.named_files import named_files
 from cnca.scene.paint import Paint
 from cnca.scene.protocols import Detector, LoopRenderer, Residual, TextureGenerator
-from cnca.scene.schema import CarlaCamera, Scene
+from cnca.scene.schema import Scene
 from cnca.vehicle.mesh.load_mesh import resolve_vehicle
 from cnca.vehicle.model import Vehicle
 from cnca.vehicle.uv.masks import pad_mask, paint_mask
@@ -201,52 +199,6 @@ def build_loop_renderer(
     if name == "raster":
         return LookupRenderer(kept, PlainShading(kept))
     return LookupRenderer(kept, TracedShading(kept, CACHE_FACTOR * samples), refresh)
-
-
-def build_views(scene: Scene) -> list[View]:
-    """The cameras that the scene names."""
-    width, height = scene.image.width, scene.image.height
-    views = []
-    for camera in scene.cameras:
-        if isinstance(camera, CarlaCamera):
-            frame = read_carla_frame(scene.base / camera.carla)
-            view = carla_view(
-                frame.vehicle,
-                frame.camera,
-                lift=camera.lift,
-                width=width,
-                height=height,
-                fov=camera.fov,
-                name=camera.name or Path(camera.carla).stem,
-            )
-        else:
-            view = orbit_view(
-                camera.azimuth,
-                camera.elevation,
-                camera.distance,
-                fov=camera.fov,
-                width=width,
-                height=height,
-                target=camera.target,
-                name=camera.name,
-            )
-        views.append(view)
-    return views
-
-
-def choose_views(scene: Scene, name: str | None, *, every: bool = False) -> list[View]:
-    """The view called ``name``, all of them, or the first; raises SceneError for another name."""
-    views = build_views(scene)
-    if every:
-        return views
-    if name is None:
-        return views[:1]
-    chosen = [view for view in views if view.name == name]
-    if not chosen:
-        names = [view.name for view in views]
-        hint = did_you_mean(name, names)
-        raise SceneError(f"view '{name}': the scene has {', '.join(names)}{hint}")
-    return chosen
 
 
 def build_generator(

@@ -13,6 +13,7 @@ from cnca.effects.protocols import PlanningRenderer
 from cnca.scene import controls
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import ImageSection, Scene
+from cnca.scene.views import build_views
 
 
 @pytest.mark.parametrize(
@@ -34,7 +35,7 @@ def test_every_backend_draws_the_scene_and_the_path_tracer_judges_it():
         {"vehicle": {"texture_size": 16}, "image": {"width": 24, "height": 24}}
     )
     vehicle = build.build_vehicle(scene)
-    paint, view = build.build_paint(scene, vehicle), build.build_views(scene)[0]
+    paint, view = build.build_paint(scene, vehicle), build_views(scene)[0]
     brightness = {}
     for name in build.BACKENDS:
         loop = build.build_loop_renderer(scene, vehicle, paint, backend=name, samples=4)
@@ -54,7 +55,7 @@ def test_the_shipped_efr_brings_raster_nearer_to_the_path_tracer(name):
     scene = load_scene(Path(name))
     scene = scene.model_copy(update={"image": ImageSection(width=128, height=128)})
     vehicle = build.build_vehicle(scene)
-    paint, view = build.build_paint(scene, vehicle), build.build_views(scene)[0]
+    paint, view = build.build_paint(scene, vehicle), build_views(scene)[0]
     raster = build.build_loop_renderer(scene, vehicle, paint, backend="raster", samples=4)
     residual = build.build_residual(Path("builtin"))
     assert residual is not None

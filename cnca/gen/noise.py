@@ -9,10 +9,16 @@ it so: each channel is standardised at each use, and :func:`low_frequency_excess
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from diffusers import DDIMScheduler
+    from diffusers.schedulers.scheduling_ddim import DDIMSchedulerOutput
 
 Noises = Float[Tensor, "draws channels rows columns"]
 """x_T first, then the noise of each step in the order of sampling."""
@@ -51,3 +57,24 @@ def low_frequency_excess(noises: Noises) -> Float[Tensor, ""]:
         if k <= min(white.shape[-2:])
     ]
     return torch.stack(excesses).sum(dim=0).mean() if excesses else noises.new_zeros(())
+
+
+def noisy_step(
+    scheduler: DDIMScheduler, t: int, moved: DDIMSchedulerOutput, noise: Tensor
+) -> Tensor:
+    """x_{t−1} for η = 1, from the deterministic step ``moved`` from x_t: x_0 and √(1 − ᾱ′) ε.
+
+    With ᾱ and ᾱ′ the signal left at t and at t − 1, σ² = r (1 − ᾱ′), r = (1 − ᾱ/ᾱ′) / (1 − ᾱ), and
+    equation 12 reads √ᾱ′ x_0 + √(1 − r) √(1 − ᾱ′) ε + σ z.  diffusers takes the root of
+    1 − ᾱ′ − σ², which where no signal is left (ᾱ = 0, r = 1) is 0 but for rounding: it gives NaN.
+    """
+    before = t - scheduler.config.num_train_timesteps // scheduler.num_inference_steps
+    left = float(scheduler.alphas_cumprod[t])
+    then = float(scheduler.alphas_cumprod[before] if before >= 0 else scheduler.final_alpha_cumprod)
+    ratio = (1.0 - left / then) / (1.0 - left)
+    clean = then**0.5 * moved.pred_original_sample
+    return (
+        clean
+        + (1.0 - ratio) ** 0.5 * (moved.prev_sample - clean)
+        + (ratio * (1.0 - then)) ** 0.5 * noise
+    )

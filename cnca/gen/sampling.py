@@ -20,8 +20,6 @@ from pathlib import Path
 from typing import Any, final
 
 import torch
-from diffusers import DDIMScheduler
-from diffusers.schedulers.scheduling_ddim import DDIMSchedulerOutput
 from jaxtyping import Float
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
@@ -32,7 +30,7 @@ from cnca.core.types import SrgbTexture
 from cnca.gen import GUIDANCE
 from cnca.gen.choices import CONCAT, REPLACE, check_kind
 from cnca.gen.feature import check_finite, default_tokens
-from cnca.gen.noise import Noises, standardized
+from cnca.gen.noise import Noises, noisy_step, standardized
 from cnca.gen.pipeline import SHIPPED, Pipeline, load_pipeline
 from cnca.gen.repeats import rolled, rolled_back, shift, tiled, wrapped
 
@@ -269,27 +267,6 @@ class DiffusionTextureGenerator:
                 f"this generator reads (1 to {most} tokens, {width})"
             )
         check_finite(feature)
-
-
-def noisy_step(
-    scheduler: DDIMScheduler, t: int, moved: DDIMSchedulerOutput, noise: Tensor
-) -> Tensor:
-    """x_{t−1} for η = 1, from the deterministic step ``moved`` from x_t: x_0 and √(1 − ᾱ′) ε.
-
-    With ᾱ and ᾱ′ the signal left at t and at t − 1, σ² = r (1 − ᾱ′), r = (1 − ᾱ/ᾱ′) / (1 − ᾱ), and
-    equation 12 reads √ᾱ′ x_0 + √(1 − r) √(1 − ᾱ′) ε + σ z.  diffusers takes the root of
-    1 − ᾱ′ − σ², which where no signal is left (ᾱ = 0, r = 1) is 0 but for rounding: it gives NaN.
-    """
-    before = t - scheduler.config.num_train_timesteps // scheduler.num_inference_steps
-    left = float(scheduler.alphas_cumprod[t])
-    then = float(scheduler.alphas_cumprod[before] if before >= 0 else scheduler.final_alpha_cumprod)
-    ratio = (1.0 - left / then) / (1.0 - left)
-    clean = then**0.5 * moved.pred_original_sample
-    return (
-        clean
-        + (1.0 - ratio) ** 0.5 * (moved.prev_sample - clean)
-        + (ratio * (1.0 - then)) ** 0.5 * noise
-    )
 
 
 def _length(pipeline: Pipeline) -> int:

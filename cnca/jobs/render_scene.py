@@ -25,6 +25,7 @@ from cnca.jobs.render_request import RenderRequest
 from cnca.scene.cameras import View
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import Scene
+from cnca.scene.views import choose_views
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def render_scene(request: RenderRequest) -> list[RenderRecord]:
     out, texture, seed = request.out, request.texture, request.seed
     demand = _demand(request)  # first, since what is misspelt there is refused at once
     scene = load_scene(request.scene)
-    views = build.choose_views(scene, request.view, every=request.all_views)
+    views = choose_views(scene, request.view, every=request.all_views)
     vehicle = build.build_vehicle(scene)
     painted = build.build_paint(scene, vehicle).apply(
         build.read_texture(texture) if texture else None

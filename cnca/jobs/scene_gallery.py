@@ -17,6 +17,7 @@ from cnca.core.progress import bar
 from cnca.scene import shipped
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import Scene
+from cnca.scene.views import build_views
 
 SHOWN, COLUMNS, SAMPLES = 320, 3, 64
 """Pixels of a picture's longer side, pictures per row, rays per pixel."""
@@ -93,7 +94,7 @@ def _picture(entry: Entry) -> SrgbPicture:
     vehicle = build.build_vehicle(scene)
     albedo = build.build_paint(scene, vehicle).apply()
     renderer = build.build_renderer(scene, vehicle, samples=SAMPLES)
-    view = build.build_views(scene)[0]
+    view = build_views(scene)[0]
     images = renderer.render(albedo, [view], scene.weather(), seed=0)
     picture = as_pictures(linear_to_srgb(images))[0]
     canvas = np.zeros((SHOWN, SHOWN, 3), np.uint8)

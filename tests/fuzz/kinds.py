@@ -23,6 +23,7 @@ from cnca.gen.scorer import BagScorer
 from cnca.scene.carla import read_carla_frame
 from cnca.scene.load_scene import load_scene
 from cnca.scene.variation import draw_views, draw_weathers
+from cnca.scene.views import build_views
 from cnca.vehicle.mesh.load_mesh import load_vehicle
 from cnca.vehicle.uv.masks import paint_mask
 from tests.fuzz import mutations, samples
@@ -33,7 +34,7 @@ Mutation = Callable[[bytes], st.SearchStrategy[bytes]]
 def use_scene(path: Path) -> None:
     scene = load_scene(path)
     build.build_vehicle(scene)
-    build.build_views(scene)
+    build_views(scene)
     draw_views(scene, 2, seed=0)
     draw_weathers(scene, 2, seed=0)
 

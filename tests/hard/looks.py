@@ -20,6 +20,7 @@ from cnca.scene.cameras import View
 from cnca.scene.layers import Layers
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import Scene
+from cnca.scene.views import build_views
 from cnca.scene.weather import Weather
 
 SCENES = Path(__file__).parents[2] / "scenes" / "hard"
@@ -59,7 +60,7 @@ class Stage:
     def __init__(self, name: str):
         gc.collect()  # the materials of scenes that are gone would stay in the next one's kernels
         self.scene = load(name)
-        self.weather, self.views = self.scene.weather(), build.build_views(self.scene)
+        self.weather, self.views = self.scene.weather(), build_views(self.scene)
         vehicle = build.build_vehicle(self.scene)
         self.texture = build.build_paint(self.scene, vehicle).apply()
         self.renderer = build.build_path_tracer(self.scene, vehicle)

@@ -15,6 +15,7 @@ from cnca.jobs import train_efr
 from cnca.jobs.efr_request import EfrRequest
 from cnca.mi_bridge import backgrounds
 from cnca.scene.load_scene import load_scene
+from cnca.scene.views import build_views
 from tests.jobs.datasets.test_carla import write_frame
 
 SCENE = """
@@ -59,7 +60,7 @@ def test_truth_and_reference_agree_in_the_plain_paint(call, monkeypatch):
     monkeypatch.setattr(backgrounds, "REFERENCE_SAMPLES", 128)
     scene = load_scene(call.scene)
     studio = train_efr.Studio(scene, "raster", 1)
-    shot = studio.shoot(build.build_views(scene)[0], scene.weather(), [None], seed=0)
+    shot = studio.shoot(build_views(scene)[0], scene.weather(), [None], seed=0)
     traced = shot.plain.traced
     assert torch.equal(shot.renders, shot.plain.drawn)
     assert shot.renders.shape == shot.truths.shape == traced.shape

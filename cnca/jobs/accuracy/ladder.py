@@ -42,6 +42,7 @@ from cnca.jobs.accuracy.records import (
 from cnca.jobs.accuracy.reference import Bench, Reference, agreement, converge, fingerprint
 from cnca.jobs.accuracy.request import AccuracyRequest
 from cnca.scene.load_scene import load_scene
+from cnca.scene.views import choose_views
 
 TARGETS = (0.01, 0.02, 0.05, 0.10)
 """Errors whose plans are marked."""
@@ -129,7 +130,7 @@ def accuracy(request: AccuracyRequest, console: Console) -> AccuracyReport:
     scene = load_scene(scene_file)
     if volpath and (scene.fog is None or scene.fog.height == 0):
         raise RunError(f"{scene_file}: --volpath is for fog, and the scene has none; leave it out")
-    bench = Bench(scene, build.choose_views(scene, request.view)[0], build.build_detector(detector))
+    bench = Bench(scene, choose_views(scene, request.view)[0], build.build_detector(detector))
     key = fingerprint(scene, bench.view, volpath=volpath)
     inputs = [*build.scene_files(scene, scene_file), *detector_files(detector)]
     RunFolder(out, "accuracy").renew(request, hashes(inputs))

@@ -21,6 +21,7 @@ from cnca.jobs.accuracy.price_list import describe_reference
 from cnca.jobs.accuracy.records import ReferenceRecord
 from cnca.jobs.accuracy.request import AccuracyRequest
 from cnca.scene.load_scene import load_scene
+from cnca.scene.views import build_views
 
 QUIET = Console(quiet=True)
 
@@ -132,7 +133,7 @@ def test_another_scene_needs_another_reference(measured, scene):
     darker = scene.with_name("darker.yaml")
     darker.write_text(SCENE + "sun: {altitude: 10}\n")
     loaded, other = (load_scene(path) for path in (scene, darker))
-    view = command.build.build_views(loaded)[0]
+    view = build_views(loaded)[0]
     assert reference_module.fingerprint(loaded, view) == key
     assert reference_module.fingerprint(loaded, view, volpath=True) != key
     assert reference_module.fingerprint(other, view) != key
