@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Num
 
 from cnca.vehicle.mesh.gltf import compression
-from cnca.vehicle.mesh.gltf.container import Container
+from cnca.vehicle.mesh.gltf.container import Container, Entry
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -55,7 +55,7 @@ def as_numbers(
     return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
 
 
-def _form(accessor: dict[str, Any]) -> tuple[np.dtype[Any], int]:
+def _form(accessor: Entry) -> tuple[np.dtype[Any], int]:
     return np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
 
 
@@ -83,7 +83,7 @@ def view_bytes(file: Container, index: int) -> bytes:
     return _slice(file, view)
 
 
-def _slice(file: Container, view: dict[str, Any]) -> bytes:
+def _slice(file: Container, view: Entry) -> bytes:
     start, length = int(view.get("byteOffset", 0)), int(view["byteLength"])
     data = file.buffer(view["buffer"])
     if start < 0 or length < 0 or start + length > len(data):

@@ -16,6 +16,9 @@ from urllib.parse import unquote, unquote_to_bytes
 from cnca.core.errors import CncaError, MeshError
 from cnca.core.text import decode_text
 
+Entry = dict[str, Any]
+"""An object of the file's JSON, such as a mesh or a material; its keys are the specification's."""
+
 MAGIC, JSON, BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 READ = (
     "EXT_meshopt_compression",
@@ -64,7 +67,7 @@ class Container:
             )
         return cls(content, read, binary)
 
-    def entries(self, key: str) -> Sequence[Any]:
+    def entries(self, key: str) -> Sequence[Entry]:
         """A list of the file's; empty where there is none."""
         return self.content.get(key, [])
 

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+
+from cnca.vehicle.mesh.gltf.container import Entry
 
 TRANSFORM = "KHR_texture_transform"
 GLOSS = "KHR_materials_pbrSpecularGlossiness"
 
 
-def base_texture(material: dict[str, Any]) -> dict[str, Any]:
+def base_texture(material: Entry) -> Entry:
     """What the file says of the picture of the base color; nothing where there is none."""
     return _metallic(material).get("baseColorTexture", {})
 
 
-def uv_transform(texture: dict[str, Any]) -> tuple[int, Float[np.ndarray, "2 3"]]:
+def uv_transform(texture: Entry) -> tuple[int, Float[np.ndarray, "2 3"]]:
     """The set of coordinates of a picture, and the affine map from these to it.
 
     Source: Khronos, KHR_texture_transform: scaled, then turned, then moved.
@@ -30,12 +31,12 @@ def uv_transform(texture: dict[str, Any]) -> tuple[int, Float[np.ndarray, "2 3"]
     return int(number), np.column_stack([turned, np.array(moved.get("offset", (0.0, 0.0)), float)])
 
 
-def plain_materials(materials: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def plain_materials(materials: Sequence[Entry]) -> list[Entry]:
     """All with a name, and with their pictures in the first set of coordinates."""
     return [_plain(material, number) for number, material in enumerate(materials)]
 
 
-def _plain(material: dict[str, Any], number: int) -> dict[str, Any]:
+def _plain(material: Entry, number: int) -> Entry:
     look = dict(_metallic(material))
     if "baseColorTexture" in look:
         look["baseColorTexture"] = {"index": look["baseColorTexture"]["index"]}
@@ -44,7 +45,7 @@ def _plain(material: dict[str, Any], number: int) -> dict[str, Any]:
     return plain | {key: material[key] for key in ("alphaMode", "alphaCutoff") if key in material}
 
 
-def _metallic(material: dict[str, Any]) -> dict[str, Any]:
+def _metallic(material: Entry) -> Entry:
     """Metal and roughness, also of a material that says specular and glossiness instead."""
     gloss = material.get("extensions", {}).get(GLOSS)
     if gloss is None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable, Iterator
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -16,7 +15,7 @@ from jaxtyping import Float, Int, Num
 
 from cnca.vehicle.mesh.gltf.accessors import as_numbers, read_accessor, view_bytes
 from cnca.vehicle.mesh.gltf.compression import DRACO, unpack_primitive
-from cnca.vehicle.mesh.gltf.container import BINARY, JSON, MAGIC, Container
+from cnca.vehicle.mesh.gltf.container import BINARY, JSON, MAGIC, Container, Entry
 from cnca.vehicle.mesh.gltf.looks import base_texture, plain_materials, uv_transform
 from cnca.vehicle.mesh.names import guess_material
 
@@ -41,8 +40,8 @@ class _Plain:
         self.blocks: list[bytes] = []
         self.size = 0
         """Bytes of all blocks."""
-        self.accessors: list[dict[str, Any]] = []
-        self.views: list[dict[str, Any]] = []
+        self.accessors: list[Entry] = []
+        self.views: list[Entry] = []
         self.materials = plain_materials(file.entries("materials"))
         self.by_mesh = _mesh_names_say_more(file)
 
@@ -69,11 +68,11 @@ class _Plain:
         chunks += struct.pack("<II", len(binary), BINARY) + binary
         return struct.pack("<III", MAGIC, 2, 12 + len(chunks)) + chunks
 
-    def _mesh(self, mesh: dict[str, Any]) -> dict[str, Any]:
+    def _mesh(self, mesh: Entry) -> Entry:
         parts = [self._primitive(part, mesh) for part in mesh["primitives"]]
         return {**_without(mesh, "weights"), "primitives": [part for part in parts if part]}
 
-    def _primitive(self, part: dict[str, Any], mesh: dict[str, Any]) -> dict[str, Any] | None:
+    def _primitive(self, part: Entry, mesh: Entry) -> Entry | None:
         """Points and lines are left out."""
         mode = part.get("mode", TRIANGLES)
         if mode not in (TRIANGLES, STRIP, FAN):
@@ -95,7 +94,7 @@ class _Plain:
         }
 
     def _arrays(
-        self, part: dict[str, Any]
+        self, part: Entry
     ) -> tuple[dict[str, Num[np.ndarray, "count width"]], Int[np.ndarray, " corners"] | None]:
         file, packed = self.file, part.get("extensions", {}).get(DRACO)
         places = dict(part["attributes"])
@@ -113,7 +112,7 @@ class _Plain:
         wanted = {name: i for name, i in places.items() if name in KEPT or "TEXCOORD" in name}
         return arrays | {name: read_accessor(file, i) for name, i in wanted.items()}, corners
 
-    def _nameless(self, mesh: dict[str, Any]) -> int:
+    def _nameless(self, mesh: Entry) -> int:
         """The number of a material for what has none: one for each mesh where names say more."""
         name = mesh.get("name", UNNAMED) if self.by_mesh else UNNAMED
         made = {"name": name, "extras": {"made": True}}
@@ -137,7 +136,7 @@ class _Plain:
         self.size += len(self.blocks[-1])
         return len(self.views) - 1
 
-    def _image(self, image: dict[str, Any]) -> dict[str, Any]:
+    def _image(self, image: Entry) -> Entry:
         if "uri" in image:
             uri = str(image["uri"])
             return {**image, "uri": uri if uri.startswith("data:") else unquote(uri)}
@@ -145,7 +144,7 @@ class _Plain:
 
 
 def _uvs(
-    attributes: dict[str, Num[np.ndarray, "count width"]], texture: dict[str, Any]
+    attributes: dict[str, Num[np.ndarray, "count width"]], texture: Entry
 ) -> Float[np.ndarray, "count 2"] | None:
     """The set that the base color's picture is laid out in, as that is moved; else the first."""
     number, matrix = uv_transform(texture)
@@ -181,13 +180,13 @@ def _nameless_meshes(file: Container) -> Iterator[str]:
             yield str(mesh.get("name", ""))
 
 
-def _texture(texture: dict[str, Any]) -> dict[str, Any]:
+def _texture(texture: Entry) -> Entry:
     """Pictures in WebP stand in an extension."""
     webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
     return {"source": texture["source"]} if "source" in texture else {**webp}
 
 
-def _scenes(file: Container) -> dict[str, Any]:
+def _scenes(file: Container) -> Entry:
     """The file's scenes; where it has none, all nodes that no other one holds."""
     if file.entries("scenes"):
         return {"scenes": file.entries("scenes"), "scene": file.content.get("scene", 0)}
@@ -196,5 +195,5 @@ def _scenes(file: Container) -> dict[str, Any]:
     return {"scenes": [{"nodes": [i for i in range(len(nodes)) if i not in held]}], "scene": 0}
 
 
-def _without(entry: dict[str, Any], *keys: str) -> dict[str, Any]:
+def _without(entry: Entry, *keys: str) -> Entry:
     return {key: value for key, value in entry.items() if key not in (*keys, "extensions")}
