@@ -17,7 +17,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     ("name", "content", "message"),
     [
         ("gone.obj", None, "no such file"),
-        ("town.xml", "<scene/>", "not one of .obj, .ply, .gltf, .glb"),
+        ("town.xml", "<scene/>", "not one of .obj, .ply, .stl, .gltf, .glb"),
         ("empty.obj", "", "export"),
         ("points.obj", "v 0 0 0\nv 1 0 0\n", "export"),
         ("nan.obj", TRIANGLE.replace("v 1 0 0", "v nan 0 0"), "NaN|zero area"),

@@ -56,7 +56,7 @@ class Artwork:
     picture: UInt8[np.ndarray, "height width 3"]
     """sRGB, at :data:`DPI`; white where nothing is printed."""
     inked: Bool[np.ndarray, "height width"]
-    outline: tuple[Float[np.ndarray, "points 2"], ...]
+    outline: tuple[Float[np.ndarray, "_ 2"], ...]
     """Closed lines, from the picture's lower left corner."""
 
     @property

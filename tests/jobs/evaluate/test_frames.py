@@ -62,7 +62,7 @@ def test_the_etron_meets_a_frame_and_the_sedan_does_not(tmp_path):
     frames = read_frames(tmp_path, vehicle, scene.weather(), **options)
     (fit,) = frames.fits
     assert fit.used
-    assert fit.median <= 3
+    assert fit.outline_pixels.median <= 3
     # What the scene file of the frames states, found by a fit that began elsewhere.
     assert fit.lift == pytest.approx(-0.700, abs=0.02)
     assert frames.photograph(0).shape == (1, 3, 800, 800)
