@@ -12,7 +12,7 @@ from cnca.cli.help import ATTACK, BEGIN
 from cnca.cli.options import Given, Scorer, takes
 from cnca.core.errors import RunError
 from cnca.core.options import OUTPUT, STRENGTH, WHAT
-from cnca.jobs.attack.presets import BEST, PRESETS, under_preset
+from cnca.jobs.attack.presets import BEST, OF_NOISES, PRESETS, under_preset
 from cnca.jobs.attack.request import Request
 from cnca.jobs.transfer_request import Judging
 
@@ -205,6 +205,8 @@ def _asked(given: Given[Request], preset: str, **more: Any) -> Request:
         raise RunError("--steps and --minutes: the one decides the other; leave one out")
     if "steps" in but:
         but.append("minutes")
+    if given.said("generator") or given.said("variable"):
+        but += OF_NOISES  # other models have sizes of their own, and F_adv is bound to places
     return under_preset(given.record(**more), preset, but=but)
 
 

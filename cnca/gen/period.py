@@ -11,18 +11,22 @@ FLAT = 1e-6
 
 
 def period(texture: SrgbTexture) -> float:
-    """Pixels from one mark of the pattern to the next: one over its mean spatial frequency.
+    """Pixels from one mark of the pattern to the next: one over its median spatial frequency.
 
-    The mean is over the power spectrum of the channels' mean, windowed (Hann) so that what does not
-    repeat has no edges.  Infinite for a plain texture.
+    Half of the power lies below the median: for stripes with sharp edges it is that of the stripes,
+    whose harmonics would pull a mean up.  The power spectrum is that of the channels' mean,
+    windowed (Hann) so that what does not repeat has no edges.  Infinite for a plain texture.
     """
     values = texture.detach().mean(dim=0).double().cpu().numpy()
     rows, columns = values.shape
     window = np.outer(np.hanning(rows + 2)[1:-1], np.hanning(columns + 2)[1:-1])
     values = (values - np.average(values, weights=window)) * window
-    power = np.abs(np.fft.rfft2(values)) ** 2
-    down, right = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)[None]
-    frequency = np.hypot(down, right)
+    finer = 2 * rows, 2 * columns  # zeros around it tell frequencies between the bins
+    power = np.abs(np.fft.fft2(values, finer)) ** 2
+    frequency = np.hypot(np.fft.fftfreq(finer[0])[:, None], np.fft.fftfreq(finer[1])[None])
     power[frequency == 0] = 0
-    total = power.sum()
-    return float(total / (power * frequency).sum()) if total > FLAT * values.size else float("inf")
+    if power.sum() <= FLAT * values.size:
+        return float("inf")
+    rising = np.argsort(frequency, axis=None)
+    shares = np.cumsum(power.ravel()[rising]) / power.sum()
+    return float(1 / frequency.ravel()[rising][np.searchsorted(shares, 0.5)])

@@ -23,12 +23,15 @@ def ask(*words: str):
 def test_nothing_else_gives_the_strongest(asked):
     assert ask().exit_code == 0
     (request,) = asked
-    assert (request.settings.variable, request.objective, request.texture_size) == (
-        "noise",
-        "odds",
-        512,
-    )
+    assert (request.settings.variable, request.objective) == ("noise", "odds")
+    assert (request.texture_size, request.pattern_size) == (256, 0.25)
     assert request.minutes == 10
+
+
+@pytest.mark.parametrize("words", [["--generator", "own"], ["--variable", "both"]])
+def test_the_pattern_is_for_the_noises_of_the_shipped_generator(asked, words):
+    assert ask(*words).exit_code == 0
+    assert (asked[0].texture_size, asked[0].pattern_size) == (None, None)
 
 
 @pytest.mark.parametrize("command", ["optimize", "prompts", "tradeoff"])

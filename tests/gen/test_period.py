@@ -21,6 +21,11 @@ def test_stripes_in_any_direction(pixels, angle):
     assert period(stripes(pixels, angle)) == pytest.approx(pixels, rel=0.05)
 
 
+def test_sharp_edges_do_not_make_them_finer():
+    sharp = (stripes(32) > 0.5).float()
+    assert period(SrgbTexture(sharp)) == pytest.approx(32, rel=0.05)
+
+
 def test_repeating_divides_it():
     once = stripes(32)
     assert period(SrgbTexture(once.repeat(1, 2, 2)[:, ::2, ::2])) == pytest.approx(16, rel=0.05)

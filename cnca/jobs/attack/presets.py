@@ -18,7 +18,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "best": {
         "variable": "noise",
         "objective": "odds",
-        "texture_size": 512,
+        "texture_size": 256,
+        "pattern_size": 0.25,
         "ddim_steps": 8,
         "learning_rate": 0.1,
         "decay": True,
@@ -33,6 +34,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "paper": {},
 }
 BEST = "best"
+OF_NOISES = ("texture_size", "pattern_size")
+"""What presets say of them is for the noises of the shipped generator."""
 
 
 def preset(name: str) -> Mapping[str, Any]:

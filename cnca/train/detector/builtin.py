@@ -16,7 +16,7 @@ from cnca.train.detector.street_renders import render_streets
 from cnca.train.detector.training import DetectorReport, Settings, train_detector
 from cnca.train.loop import TrainingLoop
 
-STREET_REPEATS = 3
+STREET_REPEATS = 2
 """How often an epoch shows each picture of a street, the dearest to render and so the fewest."""
 
 

@@ -1,7 +1,7 @@
 """Renders the pictures on which detectors are trained and tested.
 
 Every picture shows a vehicle, or none, among boxes, barrels and the like that may wear the same
-texture: so neither a loud texture nor a blob on the ground makes a car.
+texture: so no blob on the ground makes a car.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from cnca.vehicle.builtin import props
 from cnca.vehicle.builtin.sedan import BUILTIN_VEHICLES, build_sedan
 from cnca.vehicle.model import Part, Vehicle
 
-GROUPS = ("plain", "uniform", "blocks", "shuffled", "prompt")
+ORDINARY, LOUD = ("plain", "uniform"), ("blocks", "shuffled", "prompt")
+GROUPS = (*ORDINARY, *LOUD)
 """Kinds of paint; a picture without a vehicle is in the group ``empty``."""
 PICTURES_PER_SCENE = 15
 WEATHERS_PER_SCENE = 3
-EMPTY_SHARE, FOG_SHARE = 0.15, 0.4
-LOUD = ("blocks", "shuffled", "prompt")
+FOG_SHARE = 0.4
 TEXTURE_SIZE, SAMPLES = 256, 8
 LEAST_PIXELS = 300
 """A vehicle hidden beyond this is not one to find."""
@@ -56,6 +56,15 @@ class Cast:
     """Kinds of paint, in turn over all scenes."""
     textures: Mapping[str, SrgbTexture] = field(default_factory=dict)
     """Kinds of paint that are one texture each."""
+    empty_share: float = 0.15
+    """Of the scenes, how many show no vehicle."""
+    empty_groups: tuple[str, ...] | None = None
+    """Kinds of paint on the things of these; None for those of the vehicles."""
+
+    def group(self, picture: int, *, empty: bool) -> str:
+        """The kind of paint in a picture, counted over all scenes."""
+        groups = (self.empty_groups if empty else None) or self.groups
+        return groups[picture % len(groups)]
 
 
 BUILTIN_CAST = Cast(
@@ -64,10 +73,13 @@ BUILTIN_CAST = Cast(
         SrgbTexture(torch.zeros(3, TEXTURE_SIZE, TEXTURE_SIZE)),
         torch.ones(1, TEXTURE_SIZE, TEXTURE_SIZE),
     ),
-    tuple(group for loud in LOUD for group in (*("plain", "uniform") * 7, loud)),
+    ORDINARY,
+    empty_share=0.3,
+    empty_groups=LOUD,
 )
-"""All built-in vehicles.  Loud paint is rare, one picture in fifteen, as on roads: a detector that
-sees nothing else learns to disregard paint altogether."""
+"""All built-in vehicles.  What is loud is no vehicle, as on roads: loud paint is on the things
+around where there is none.  A detector that sees vehicles in loud paint learns to disregard
+paint altogether, and no camouflage moves it."""
 
 
 def render_detector_data(
@@ -98,7 +110,7 @@ def render_detector_data(
 
 
 def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -> list[Picture]:
-    empty = rng.random() < EMPTY_SHARE
+    empty = rng.random() < cast.empty_share
     name = str(rng.choice(list(cast.vehicles)))
     vehicle = Vehicle("none", ()) if empty else cast.vehicles[name]()
     renderer = MitsubaRenderer(
@@ -106,7 +118,7 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
         ground_albedo=(rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3)).tolist(),
         texture_size=cast.paint.base.shape[-1],
         samples=SAMPLES,
-        props=_surround(rng),
+        props=surround(rng),
     )
     weathers = [
         draw_weather(rng, lowest_sun=8, least_sight=40, fog_share=FOG_SHARE)
@@ -114,7 +126,7 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
     ]
     pictures = []
     for k in range(PICTURES_PER_SCENE):
-        group = cast.groups[(scene * PICTURES_PER_SCENE + k) % len(cast.groups)]
+        group = cast.group(scene * PICTURES_PER_SCENE + k, empty=empty)
         albedo = cast.paint.apply(draw_texture(group, rng, cast.textures))
         view = next(v for v in _views(rng, size) if empty or _shows(renderer, v))
         seed = int(rng.integers(2**31))
@@ -126,7 +138,7 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
     return pictures
 
 
-def _surround(rng: np.random.Generator) -> tuple[Part, ...]:
+def surround(rng: np.random.Generator) -> tuple[Part, ...]:
     """Three to eight props in a ring around the vehicle, two thirds of them in its texture."""
     ring = []
     for _ in range(rng.integers(3, 9)):

@@ -1,13 +1,14 @@
 """Renders streets full of traffic with the boxes of all vehicles, to train detectors on.
 
-A scene is one place in one built-in world, in two weathers: a vehicle in some paint stands there,
-and the world's traffic around it.  Half of the cameras look along the road from a driver's height;
-the others circle the vehicle.
+A scene is one place in one built-in world, in two weathers: a vehicle in ordinary paint stands
+there, and the world's traffic around it.  A quarter of the cameras look along the road from a
+driver's height; the others circle the vehicle.  In some scenes boxes and barrels stand there in
+its stead, in loud paint.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import torch
 
 from cnca.core.color import linear_to_srgb
 from cnca.core.progress import bar
+from cnca.core.types import LinearTexture
 from cnca.effects.plan import Demand
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View, orbit_view
@@ -23,10 +25,13 @@ from cnca.train.detector.parts import Picture, join, save_part
 from cnca.train.detector.renders import (
     BUILTIN_CAST,
     LOUD,
+    ORDINARY,
     TEXTURE_SIZE,
     draw_texture,
     draw_weather,
+    surround,
 )
+from cnca.vehicle.model import Vehicle
 from cnca.world.builtin import BUILTIN_WORLDS, build
 
 SIZE = (256, 416)
@@ -34,8 +39,8 @@ SIZE = (256, 416)
 SAMPLES = 8
 VIEWS, WEATHERS = 8, 2
 """Of a scene; every view is taken in every weather."""
-LOUD_SHARE, FOG_SHARE = 0.15, 0.25
-"""Of the scenes, how many show their vehicle in loud paint; of the weathers, how many are foggy."""
+EMPTY_SHARE, FOG_SHARE = 0.25, 0.25
+"""Of the scenes, how many show loud things in place of the vehicle; of the weathers, fog."""
 LEAST_WIDTH, LEAST_SEEN = 9, 0.3
 """Pixels and visible share from which a vehicle is one to find."""
 CAR = 0
@@ -59,37 +64,39 @@ def render_streets(out: Path, *, pictures: int, seed: int) -> None:
 
 
 def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
-    name = list(BUILTIN_WORLDS)[index % len(BUILTIN_WORLDS)]
-    world = build(name, int(rng.integers(2**31)))
+    kind = list(BUILTIN_WORLDS)[index % len(BUILTIN_WORLDS)]
+    world = build(kind, int(rng.integers(2**31)))
     world = world.around(world.places[rng.integers(len(world.places))])
-    vehicle = BUILTIN_CAST.vehicles[str(rng.choice(list(BUILTIN_CAST.vehicles)))]()
-    loud = rng.random() < LOUD_SHARE
-    group = str(rng.choice(LOUD)) if loud else str(rng.choice(["plain", "plain", "uniform"]))
-    albedo = BUILTIN_CAST.paint.apply(draw_texture(group, rng, {}))
+    empty = rng.random() < EMPTY_SHARE
+    name = str(rng.choice(list(BUILTIN_CAST.vehicles)))
     renderer = MitsubaRenderer(
-        vehicle,
+        Vehicle("things", surround(rng)) if empty else BUILTIN_CAST.vehicles[name](),
         texture_size=TEXTURE_SIZE,
         samples=SAMPLES,
         exposure=float(np.exp(rng.uniform(np.log(0.45), np.log(1.1)))),
         demand=Demand(forced={"gradient": "off", "surroundings": "geometry"}),
         worlds=lambda _: world,
     )
-    views = [driver(rng) if k % 2 else _orbit(rng) for k in range(VIEWS)]
-    boxes = [_boxes(renderer, view) for view in views]
+    views = [_orbit(rng) if k % 4 else driver(rng) for k in range(VIEWS)]
+    boxes = [_boxes(renderer, view, ours=not empty) for view in views]
     for _ in range(WEATHERS):
         weather = draw_weather(rng, lowest_sun=6, least_sight=50, fog_share=FOG_SHARE)
         for view, vehicles in zip(views, boxes, strict=True):
-            seed = int(rng.integers(2**31))
+            seed, albedo = int(rng.integers(2**31)), _paint(rng, LOUD if empty else ORDINARY)
             with torch.no_grad():
                 image = renderer.render(albedo, [view], weather, seed=seed)
             pixels = (linear_to_srgb(image)[0].permute(1, 2, 0) * 255).round().byte().numpy()
-            yield Picture(pixels, vehicles, name)
+            yield Picture(pixels, vehicles, kind)
 
 
-def _boxes(renderer: MitsubaRenderer, view: View) -> list[list[float]]:
+def _paint(rng: np.random.Generator, groups: Sequence[str]) -> LinearTexture:
+    return BUILTIN_CAST.paint.apply(draw_texture(str(rng.choice(groups)), rng, {}))
+
+
+def _boxes(renderer: MitsubaRenderer, view: View, *, ours: bool) -> list[list[float]]:
     """xyxy and class of every vehicle, ours and the traffic's, that is wide and free enough."""
     [share], [mask] = renderer.visible_shares([view]), renderer.vehicle_mask([view]) > 0.5
-    seen = [Sighting("car", mask, 1 - share)] if mask.any() else []
+    seen = [Sighting("car", mask, 1 - share)] if ours and mask.any() else []
     seen += [other for other in renderer.sightings([view])[0] if other.label in VEHICLES]
     return [
         [*map(float, vehicle.box), CAR]
@@ -121,7 +128,7 @@ def driver(rng: np.random.Generator) -> View:
 
 def _orbit(rng: np.random.Generator) -> View:
     height, width = SIZE
-    distance = float(np.exp(rng.uniform(np.log(5.5), np.log(25))))
+    distance = float(np.exp(rng.uniform(np.log(5), np.log(18))))
     aim = rng.uniform(-0.25, 0.25, 3) * distance
     return orbit_view(
         float(rng.uniform(0, 360)),

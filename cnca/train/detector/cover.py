@@ -1,0 +1,93 @@
+"""Patches of loud texture on training pictures, some of them over vehicles.
+
+After CutMix (Yun et al. 2019) and random erasing (Zhong et al. 2020).  A vehicle that is mostly
+covered is none to find, though its wheels and its outline still show.  So a detector learns, as on
+roads, that what is loud is seldom a vehicle; without it, one of a single class looks for wheels,
+windows and shadows alone, and no paint moves it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from cnca.gen.textures import sample
+
+CHANCE, MOST_PATCHES = 0.5, 3
+"""Of a picture to be covered at all, and by how many patches."""
+AIMED = 0.5
+"""Of the patches, how many lie on a vehicle."""
+ON_VEHICLE, ELSEWHERE = (0.5, 1.1), (0.1, 0.4)
+"""Sides relative to those of the vehicle's box, or of the picture."""
+LEAST_SEEN = 0.5
+"""Share of its box that must stay free for a vehicle to be one to find."""
+TEXTURES = 128
+
+Picture = UInt8[np.ndarray, "_ _ 3"]
+
+
+@cache
+def loud_textures() -> tuple[Picture, ...]:
+    """Procedural textures, sRGB, always the same."""
+    rng = np.random.default_rng(TEXTURES)
+    return tuple((sample(rng).picture * 255).round().astype(np.uint8) for _ in range(TEXTURES))
+
+
+def cover(
+    picture: Picture, boxes: Float[np.ndarray, "_ 4"], rng: np.random.Generator
+) -> tuple[Picture, Bool[np.ndarray, " _"]]:
+    """Return the picture with patches, and which of ``boxes`` are still to be found."""
+    if rng.random() >= CHANCE:
+        return picture, np.ones(len(boxes), bool)
+    size, textures = picture.shape[:2], loud_textures()
+    hidden = np.zeros(size, bool)
+    for _ in range(rng.integers(1, MOST_PATCHES + 1)):
+        patch = _patch(size, boxes, rng)
+        texture = _filled(textures[rng.integers(len(textures))], size, rng)
+        picture = np.where(patch[..., None], texture, picture)
+        hidden |= patch
+    return picture, np.array([_seen(hidden, box) >= LEAST_SEEN for box in boxes], bool)
+
+
+def _seen(hidden: Bool[np.ndarray, "_ _"], box: Float[np.ndarray, "4"]) -> float:
+    left, top = np.floor(box[:2]).astype(int)
+    right, bottom = np.ceil(box[2:]).astype(int)
+    return 1.0 - float(hidden[top:bottom, left:right].mean())
+
+
+def _patch(
+    size: Sequence[int], boxes: Float[np.ndarray, "_ 4"], rng: np.random.Generator
+) -> Bool[np.ndarray, "_ _"]:
+    """Where an ellipse or a turned rectangle lies, on a vehicle or anywhere."""
+    height, width = size
+    if len(boxes) and rng.random() < AIMED:
+        left, top, right, bottom = boxes[rng.integers(len(boxes))]
+        sides = rng.uniform(*ON_VEHICLE, 2) * (right - left, bottom - top)
+        centre = np.array([left + right, top + bottom]) / 2 + rng.uniform(-0.2, 0.2, 2) * sides
+        angle = rng.uniform(-15, 15)
+    else:
+        sides = rng.uniform(*ELSEWHERE, 2) * (width, height)
+        centre, angle = rng.uniform(0, 1, 2) * (width, height), rng.uniform(0, 180)
+    where = np.zeros((height, width), np.uint8)
+    shape = (tuple(map(float, centre)), tuple(map(float, sides)), float(angle))
+    if rng.random() < 0.5:
+        cv2.ellipse(where, shape, 1, -1)
+    else:
+        cv2.fillConvexPoly(where, cv2.boxPoints(shape).astype(np.int32), 1)
+    return where.astype(bool)
+
+
+def _filled(texture: Picture, size: Sequence[int], rng: np.random.Generator) -> Picture:
+    """The texture over a whole picture, turned, scaled, and darker or brighter."""
+    height, width = size
+    scale, angle = float(np.exp(rng.uniform(np.log(0.2), np.log(1.2)))), rng.uniform(0, 360)
+    matrix = cv2.getRotationMatrix2D((width / 2, height / 2), angle, scale)
+    matrix[:, 2] += rng.uniform(-0.5, 0.5, 2) * max(size)
+    filled = cv2.warpAffine(
+        texture, matrix, (width, height), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REFLECT
+    )
+    return (filled * rng.uniform(0.3, 1.0)).astype(np.uint8)
