@@ -200,11 +200,15 @@ def renders(request: RenderRequest, records: Sequence[RenderRecord], *, explain:
         ]
         table(["effect", "model", "why", "error", "time"], rows)
     for record in records:
-        seconds = record.seconds
-        line(
-            f"{request.out.parent / record.picture}: first call {seconds.first:.2f} s, "
-            f"steady {seconds.steady:.2f} s"
-        )
+        measured, took = record.measured, f"first call {record.seconds.first:.2f} s"
+        if measured is None:
+            took += f", steady {record.seconds.steady:.2f} s"
+        else:
+            took = (
+                f"error {measured.error:.2%}, {measured.samples:.0f} rays per pixel, in "
+                f"{measured.seconds:.1f} processor seconds, pilot {measured.pilot_seconds:.1f}"
+            )
+        line(f"{request.out.parent / record.picture}: {took}")
     if not explain:
         ending({}, ["render-scene", request.scene, "-o", request.out, "--explain"])
 

@@ -34,6 +34,10 @@ class CausticsEffect(Effect):
         """One comparison at each reflection: its time is part of the rays'."""
         return {}
 
+    def grain(self, model: Model) -> float:
+        """Specks, which few rays do not foretell."""
+        return 1.5 if model == "kept" else 1.0
+
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """How much of them is there."""
         if not (subject.has_sun or _lamps(subject)):

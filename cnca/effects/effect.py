@@ -50,6 +50,10 @@ class Effect:
         """Whether its model errs, beside the other effects' models, in ways no mean foretells."""
         return False
 
+    def grain(self, model: Model) -> float:
+        """Noise of the model over that of the quietest, where no measurement has told it yet."""
+        return 1.0
+
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """Why ``model`` was chosen, for people; ``error`` is the predicted one."""
         return left_out(error)

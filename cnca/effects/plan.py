@@ -124,14 +124,14 @@ def _cheapest(
         models = dict(zip(options, combination, strict=True))
         if any(effect.unforeseen(models) for effect in free):
             continue
-        bias = _bias(models, subject, prices)
+        bias = predicted_bias(models, subject, prices)
         noise = math.sqrt(max(target**2 - bias**2, 0.0))
         samples = prices.samples_for(noise, subject, MOST_SAMPLES)
         ranked.append(models | {"samples": forced.get("samples", samples)})
     return min(ranked, key=rank)
 
 
-def _bias(models: Mapping[str, Model], subject: Subject, prices: Prices) -> float:
+def predicted_bias(models: Mapping[str, Model], subject: Subject, prices: Prices) -> float:
     """Errors of all models, as if they had one sign."""
     effects = ((EFFECTS[name], model) for name, model in models.items())
     return sum(e.error(model, subject, prices) for e, model in effects if e.has_bias)
@@ -140,7 +140,7 @@ def _bias(models: Mapping[str, Model], subject: Subject, prices: Prices) -> floa
 def predicted_error(models: Mapping[str, Model], subject: Subject, prices: Prices) -> float:
     """Bias of all models and noise together."""
     noise = EFFECTS["samples"].error(models["samples"], subject, prices)
-    return math.hypot(_bias(models, subject, prices), noise)
+    return math.hypot(predicted_bias(models, subject, prices), noise)
 
 
 def predicted_seconds(models: Mapping[str, Model], prices: Prices) -> float:

@@ -46,10 +46,13 @@ class PlanningRenderer(Renderer, Protocol):
         *,
         seed: int,
         samples: int | None = None,
+        demand: Demand | None = None,
+        first: int = 0,
     ) -> Float[Tensor, "pixels 3"]:
         """Return only these pixels, counted over views, rows and columns.
 
-        ``samples`` are rays per pixel in place of those that the plan takes.
+        ``samples`` are rays per pixel in place of those that the plan takes; they begin with the
+        one of number ``first``.
         """
 
     def plan(

@@ -25,8 +25,13 @@ class RenderRequest:
     """By default the scene's own paint."""
     target_error: Annotated[
         float | None,
-        Flag("Take the cheapest models and samples under this error.", STRENGTH),
+        Flag("Take the cheapest models and rays whose measured error is under this.", STRENGTH),
     ] = None
+    target_seconds: Annotated[
+        float | None,
+        Flag("Make the best picture in so many processor seconds.", COST),
+    ] = None
+    """The pilot's included, which chooses the models; reading the scene is not."""
     reference: Annotated[bool, Flag("Full simulation.", STRENGTH)] = False
     effects: Annotated[
         tuple[str, ...],
@@ -43,9 +48,20 @@ class RenderRequest:
     seed: Annotated[int, Flag("Seed of the noise.")] = 0
 
     def __post_init__(self) -> None:
-        """Raises RunError for a format that is not written, or no rays."""
+        """Raises RunError for a format that is not written, no rays, or targets that conflict."""
         if self.out.suffix.lower() not in FORMATS:
             formats = " or ".join(FORMATS)
             raise RunError(f"{self.out}: pictures are written as {formats}; change the ending")
         if self.samples is not None and self.samples < 1:
             raise RunError(f"--spp {self.samples}: a picture needs at least one ray per pixel")
+        if self.target_seconds is not None and not self.target_seconds > 0:
+            raise RunError(f"--target-seconds {self.target_seconds:g}: give a number above 0")
+        if self.target_seconds is not None and (self.target_error or self.samples):
+            other = "--target-error" if self.target_error else "--spp"
+            raise RunError(f"--target-seconds chooses the rays: leave {other} out")
+
+    @property
+    def measures(self) -> bool:
+        """Whether the picture's error is measured while it is made."""
+        by_error = self.target_error is not None and self.samples is None
+        return (by_error or self.target_seconds is not None) and not self.reference

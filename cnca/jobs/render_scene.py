@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +15,16 @@ from cnca.core.images import write_exr
 from cnca.core.manifest import hashes, versions, write_json
 from cnca.core.pictures import as_pictures, write_png
 from cnca.core.records import as_json
-from cnca.core.types import LinearImages, LinearTexture
+from cnca.core.types import LinearImages
 from cnca.effects.catalog import parse_effects
 from cnca.effects.effect import Model
 from cnca.effects.explain import Explanation, explain
-from cnca.effects.plan import Demand
+from cnca.effects.plan import Demand, EffectPlan
 from cnca.effects.protocols import PlanningRenderer
+from cnca.jobs.accuracy.targets import MeasuredError, Scenery, meet
 from cnca.jobs.render_request import RenderRequest
 from cnca.scene.cameras import View
 from cnca.scene.load_scene import load_scene
-from cnca.scene.schema import Scene
 from cnca.scene.views import choose_views
 
 
@@ -35,6 +35,7 @@ class RenderSeconds:
     first: float
     """Of the first call, which makes kernels, sky and fog."""
     steady: float
+    """Of a second one; the same where the picture was made for a target."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,9 @@ class RenderRecord:
     samples: int
     """Rays per pixel."""
     plan: list[Explanation]
+    """Predicted errors; for a target, that of the rays and the whole are measured."""
+    measured: MeasuredError | None
+    """Where the picture was made for a target error or for seconds."""
     seconds: RenderSeconds
     vehicle_box_xyxy: tuple[float, float, float, float]
     """In pixels."""
@@ -71,22 +75,26 @@ def render_scene(request: RenderRequest) -> list[RenderRecord]:
         build.read_texture(texture) if texture else None
     )
     renderer = build.build_renderer(scene, vehicle, demand=demand)
+    forced = demand.forced
     inputs = hashes([*build.scene_files(scene, request.scene), *([texture] if texture else [])])
     records = []
     for view in views:
         path = out.with_name(f"{out.stem}_{view.name}{out.suffix}") if request.all_views else out
         left, top, right, bottom = renderer.vehicle_boxes([view])[0].tolist()
-        images, first = _timed(renderer, painted, view, scene, seed)
-        _write(path, images, renderer, view)
-        _, steady = _timed(renderer, painted, view, scene, seed)  # after the user has the picture
-        plan = renderer.plan(painted, [view], scene.weather())
+        picture = _picture(request, Scenery(renderer, painted, view, scene.weather(), forced))
+        _write(path, picture.images, renderer, view)
+        seconds = picture.seconds
+        if picture.measured is None:  # a second time, now that the user has the picture
+            steady = _picture(request, picture.scenery).seconds.first
+            seconds = RenderSeconds(seconds.first, steady)
         record = RenderRecord(
             picture=path.name,
             view=view,
             seed=seed,
-            samples=plan.samples,
-            plan=explain(plan),
-            seconds=RenderSeconds(first, steady),
+            samples=picture.plan.samples,
+            plan=_explained(picture),
+            measured=picture.measured,
+            seconds=seconds,
             vehicle_box_xyxy=(left, top, right, bottom),
             versions=versions(),
             inputs=inputs,
@@ -104,14 +112,43 @@ def _demand(request: RenderRequest) -> Demand:
     return Demand(request.target_error, request.reference, forced | parse_effects(request.effects))
 
 
+@dataclass(frozen=True)
+class _Picture:
+    images: LinearImages
+    scenery: Scenery
+    plan: EffectPlan
+    seconds: RenderSeconds
+    measured: MeasuredError | None = None
+
+
 @torch.no_grad()
-def _timed(
-    renderer: PlanningRenderer, albedo: torch.Tensor, view: View, scene: Scene, seed: int
-) -> tuple[LinearImages, float]:
-    """The picture and its seconds; a first call makes kernels, sky and fog."""
-    started = time.perf_counter()
-    images = renderer.render(LinearTexture(albedo), [view], scene.weather(), seed=seed)
-    return images, round(time.perf_counter() - started, 4)
+def _picture(request: RenderRequest, scenery: Scenery) -> _Picture:
+    """A picture as it was asked for; a first call makes kernels, sky and fog."""
+    renderer, albedo = scenery.renderer, scenery.albedo
+    views, weather = [scenery.view], scenery.weather
+    measured, started = None, time.perf_counter()
+    if request.measures:
+        target, seconds = request.target_error, request.target_seconds
+        images, plan, measured = meet(scenery, target=target, seconds=seconds, seed=request.seed)
+    else:
+        images = renderer.render(albedo, views, weather, seed=request.seed)
+        plan = renderer.plan(albedo, views, weather)
+    spent = round(time.perf_counter() - started, 4)
+    return _Picture(images, scenery, plan, RenderSeconds(spent, spent), measured)
+
+
+def _explained(picture: _Picture) -> list[Explanation]:
+    """The plan, with what was measured in place of what was predicted."""
+    rows, measured = explain(picture.plan), picture.measured
+    if measured is None:
+        return rows
+    target = picture.plan.demand.target_error
+    why = f"measured: bias of the models at most {measured.bias:.2%}, noise {measured.noise:.2%}"
+    if target is not None:
+        why += f", {'under' if measured.error <= target else 'OVER'} the target of {target:.2%}"
+    errors = {"samples": measured.noise, "all": measured.error}
+    rows = [replace(row, error=round(errors.get(row.effect, row.error), 6)) for row in rows]
+    return [*rows[:-1], replace(rows[-1], why=why)]
 
 
 def _write(path: Path, images: LinearImages, renderer: PlanningRenderer, view: View) -> None:

@@ -131,15 +131,19 @@ class MitsubaRenderer:
         seed: int,
         samples: int | None = None,
         portion: Portion = WHOLE,
+        demand: Demand | None = None,
+        first: int = 0,
     ) -> Float[torch.Tensor, "pixels 3"]:
         """Like :meth:`render`, but only these pixels, counted over views, rows and columns.
 
         Args:
             samples: rays per pixel in place of those that the plan takes.
             portion: what of a world's pictures to render, such as the vehicle alone.
+            first: with which of each pixel's evenly spread samples to begin: what goes on where
+                another call with the same seed ended is as even as one call of both.
         """
-        chosen = self.plan(albedo, views, weather, samples=samples)
-        return self._expose(albedo, views, chosen, pixels, seed, portion)
+        chosen = self.plan(albedo, views, weather, samples=samples, demand=demand)
+        return self._expose(albedo, views, chosen, pixels, seed, portion, first)
 
     def _expose(
         self,
@@ -149,10 +153,11 @@ class MitsubaRenderer:
         pixels: Int[np.ndarray, " pixels"] | None,
         seed: int,
         portion: Portion = WHOLE,
+        first: int = 0,
     ) -> Float[torch.Tensor, "*film 3"]:
         if chosen["gradient"] == "off":
             albedo = LinearTexture(albedo.detach())
-        shots = self.shots(chosen, views, pixels, seed=seed, portion=portion)
+        shots = self.shots(chosen, views, pixels, seed=seed, portion=portion, begin=first)
         texels = self.geometry.texture_size
         texture = albedo.expand(3, texels, texels).permute(1, 2, 0)
         images = render(texture, shots)
@@ -168,6 +173,7 @@ class MitsubaRenderer:
         seed: int,
         most_rays: int | None = None,
         portion: Portion = WHOLE,
+        begin: int = 0,
     ) -> list[Shot]:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
         geometry, around, white = self.built.lit(chosen, views, portion.rung)
@@ -183,7 +189,7 @@ class MitsubaRenderer:
                 bounces=chosen.bounces,
                 seed=seed,
                 exposure=self.exposure / white,
-                first=first,
+                first=begin + first,
                 only=portion.only,
                 shares=portion.shares,
             )

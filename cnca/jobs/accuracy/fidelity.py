@@ -13,13 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import colour
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
-
-from cnca.core.color import encode
 
 DARK = 0.01
 """Squared radiance at which an error goes over from relative to absolute."""
@@ -42,12 +38,12 @@ def squared_bias(
     second, but not with each other.
     """
     product = (pictures[0] - references[0]) * (pictures[1] - references[1])
-    return _mean_and_error(product * _weight(references))
+    return mean_and_error(product * weight(references))
 
 
 def squared_noise(pictures: tuple[Pixels, Pixels], references: tuple[Pixels, Pixels]) -> float:
     """Squared noise of each of two independent renders."""
-    return float(((pictures[0] - pictures[1]) ** 2 / 2 * _weight(references)).mean())
+    return float(((pictures[0] - pictures[1]) ** 2 / 2 * weight(references)).mean())
 
 
 def mean_bias(found: Sequence[Pixels], references: Sequence[Pixels]) -> tuple[float, float]:
@@ -66,18 +62,12 @@ def error_of_mean(pictures: Sequence[Pixels]) -> float:
 def squared_error(picture: Pixels, references: tuple[Pixels, Pixels]) -> tuple[float, float]:
     """Squared error, bias and noise together, and its standard error."""
     product = (picture - references[0]) * (picture - references[1])
-    return _mean_and_error(product * _weight(references))
+    return mean_and_error(product * weight(references))
 
 
 def root(square: float) -> float:
     """Square root that keeps the sign: an error below 0 is one that noise hides."""
     return float(np.sign(square) * np.sqrt(abs(square)))
-
-
-def mean_delta_e(pictures: Sequence[Pixels], references: Sequence[Pixels]) -> float:
-    """Mean ΔE2000 (CIE 142:2001) between the means of both as sRGB pictures, D65."""
-    mean, expected = (_lab(np.mean(images, axis=0)) for images in (pictures, references))
-    return float(np.mean(colour.delta_E(mean, expected, method="CIE 2000")))
 
 
 def gradient_agreement(
@@ -93,16 +83,12 @@ def gradient_agreement(
     return along / float(g.norm()), along / length
 
 
-def _weight(references: tuple[Pixels, Pixels]) -> Pixels:
+def weight(references: tuple[Pixels, Pixels]) -> Pixels:
+    """1 / (L_ref² + 0.01), L_ref the mean of both."""
     return 1 / (((references[0] + references[1]) / 2) ** 2 + DARK)
 
 
-def _mean_and_error(values: Pixels) -> tuple[float, float]:
-    """Colours of one pixel are not independent: the error is that of pixels."""
-    pixels = values.mean(axis=1)
+def mean_and_error(values: Pixels | Float[np.ndarray, " pixels"]) -> tuple[float, float]:
+    """Mean and its standard error; colors of one pixel are not independent: it is of pixels."""
+    pixels = values.reshape(len(values), -1).mean(axis=1)
     return float(pixels.mean()), float(pixels.std() / len(pixels) ** 0.5)
-
-
-def _lab(linear: Pixels) -> Pixels:
-    encoded = encode(torch.from_numpy(linear)).numpy()
-    return np.asarray(colour.XYZ_to_Lab(colour.sRGB_to_XYZ(encoded)))

@@ -22,10 +22,10 @@ from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Model, Numbered
 from cnca.effects.explain import explain
 from cnca.effects.plan import Demand
+from cnca.jobs.accuracy.delta_e import mean_delta_e
 from cnca.jobs.accuracy.fidelity import (
     gradient_agreement,
     mean_bias,
-    mean_delta_e,
     root,
     squared_bias,
     squared_error,

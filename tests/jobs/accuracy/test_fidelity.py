@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
+from cnca.jobs.accuracy.delta_e import mean_delta_e
 from cnca.jobs.accuracy.fidelity import (
     DARK,
     error_of_mean,
     gradient_agreement,
     mean_bias,
-    mean_delta_e,
     root,
     squared_bias,
     squared_error,
