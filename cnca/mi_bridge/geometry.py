@@ -171,6 +171,11 @@ class Geometry:
         si.uv = uv
         return self._bitmap.eval(si, active)
 
+    @property
+    def kernel_tables(self) -> list[mi.UInt32]:
+        """What kernels read beside the scene."""
+        return [self._kinds]
+
     def is_vehicle(self, si: mi.SurfaceInteraction3f) -> mi.Bool:
         """Which intersections lie on the vehicle."""
         return self._kind(si) == VEHICLE

@@ -43,7 +43,7 @@ class Cameras:
         ((self.width, self.height),) = sizes
         self.count = len(views)
         frames = np.array([_camera_frame(view) for view in views], dtype=np.float32)
-        self._frames = mi.Float(frames.ravel())  # (views, 4 vectors, 3 axes)
+        self.frames = mi.Float(frames.ravel())  # (views, 4 vectors, 3 axes)
         self.names = [view.name for view in views]
         self._chosen = pixels
         self._pixels = None if pixels is None else mi.UInt32(pixels.astype(np.uint32))
@@ -51,7 +51,7 @@ class Cameras:
         self.film_shape = whole if pixels is None else (len(pixels),)
 
     def rays(
-        self, samples: int, seed: mi.UInt32 | None = None, first: int = 0
+        self, samples: int, seed: mi.UInt32 | None = None, first: int | mi.UInt32 = 0
     ) -> tuple[mi.Ray3f, list[mi.Float]]:
         """One ray per lane, and three numbers in [0, 1) that go on with its even spread.
 
@@ -59,7 +59,9 @@ class Cameras:
         the same in each pixel and starts at its centre.  It begins with its point ``first``.
         """
         lane = dr.arange(mi.UInt32, self.lanes(samples))
-        pixel, sample = lane // samples, lane % samples + dr.opaque(mi.UInt32, first)
+        if isinstance(first, int):
+            first = dr.opaque(mi.UInt32, first)
+        pixel, sample = lane // samples, lane % samples + first
         if self._pixels is not None:
             pixel = dr.gather(mi.UInt32, self._pixels, pixel)
         row_index, column = pixel // self.width, pixel % self.width
@@ -74,7 +76,7 @@ class Cameras:
         x = 2 * (mi.Float(column) + spread[0]) / self.width - 1
         y = 1 - 2 * (mi.Float(row) + spread[1]) / self.height
         origin, right, up, forward = (
-            dr.gather(mi.Vector3f, self._frames, 4 * view + vector) for vector in range(4)
+            dr.gather(mi.Vector3f, self.frames, 4 * view + vector) for vector in range(4)
         )
         ray = mi.Ray3f(mi.Point3f(origin), dr.normalize(forward + x * right + y * up))
         return ray, spread[2:]
