@@ -16,6 +16,10 @@ EXAMPLES = {
         "render-scene builtin:sedan_fog -o fog.png --spp 64",
         "render-scene my.yaml -o layers.exr --all-views --target-error 0.05 --explain",
     ],
+    "view": [
+        "view builtin:street_day --detector builtin",
+        'view builtin:sedan_fog --prompt "zebra strips" --target-error 0.1',
+    ],
     "accuracy": ["accuracy builtin:sedan_clear --out out/accuracy --seconds 600"],
     "accuracy-generator": ["accuracy-generator --out out/prices --probes 5"],
     "calibrate": ["calibrate --out out/prices --scenes 8"],

@@ -13,6 +13,7 @@ from cnca.cli.options import Given, takes
 from cnca.core.options import COST, OUTPUT, WHAT
 from cnca.jobs.accuracy.request import AccuracyRequest, GradientRequest
 from cnca.jobs.render_request import RenderRequest
+from cnca.jobs.view.request import ViewRequest
 
 
 @app.command(rich_help_panel=BEGIN)
@@ -55,6 +56,25 @@ def render_scene(
         typer.echo(text.dumps([as_json(record) for record in records], indent=2))
     else:
         show.renders(request, records, explain=explain)
+
+
+@app.command(rich_help_panel=RENDER)
+@takes(ViewRequest)
+def view(given: Given[ViewRequest]) -> None:
+    """Show a scene in the browser, path-traced while you turn it; until Ctrl-C."""
+    request = given.record()  # first: what is wrong with it is said at once
+    from cnca.cli import show
+    from cnca.jobs.view.live import LivePage
+    from cnca.jobs.view.serve import serving
+    from cnca.scene.load_scene import load_scene
+
+    page = LivePage(request, load_scene(request.scene))
+    with serving(page, request.port) as address:
+        show.line(f"{address} – open it in a browser; Ctrl-C ends it")
+        try:
+            page.run()
+        except KeyboardInterrupt:
+            show.ending({}, ["render-scene", request.scene, "-o", request.out / "picture.png"])
 
 
 @app.command(rich_help_panel=RENDER)

@@ -33,7 +33,6 @@ RECORDINGS = 8
 TRAVERSED = (mi.Object, mi.Texture1f, mi.Texture2f, mi.Texture3f)
 """Of Mitsuba's types those that Dr.Jit looks into for arrays."""
 Constants = tuple[object, ...]
-Draw = Callable[..., mi.Float]
 
 
 class LiveCamera:
@@ -97,20 +96,29 @@ class _Recording:
     """One draw for one geometry, and for all light that its kernel can read."""
 
     def __init__(self, shot: Shot) -> None:
-        draw = _drawing(shot)
-        # Lamps and tables of a measured sky cannot be handed over: they are traced each time.
-        light = shot.surroundings
-        traced = light.sky.measured or light.lamps
-        self._draw: Draw = draw if traced else dr.freeze(draw)
+        self._traced = _drawing(shot)
+        # The tables of a measured sky cannot be handed over.
+        measured = shot.surroundings.sky.measured is not None
+        self._recorded = None if measured else dr.freeze(self._traced)
+
+    @property
+    def recordings(self) -> int:
+        """How often the draw was recorded; 0 where it is traced anew each time."""
+        return 0 if self._recorded is None else self._recorded.n_recordings
 
     def draw(self, shot: Shot, arrays: list[Any], *, seed: int, first: int) -> np.ndarray:
         part_seed = seed + PART_SEED * first & 0xFFFFFFFF
         numbers = [dr.opaque(mi.UInt32, n) for n in (seed & 0xFFFFFFFF, part_seed, first)]
-        frames, scene = shot.cameras.frames, shot.geometry.scene
-        return np.array(self._draw(frames, *numbers, shot.exposure, scene, arrays))
+        given = shot.cameras.frames, *numbers, shot.exposure, shot.geometry.scene, arrays
+        if self._recorded is not None:
+            try:
+                return np.array(self._recorded(*given))
+            except RuntimeError:  # lamps and wet ground: calls within calls are not recorded
+                self._recorded = None
+        return np.array(self._traced(*given))
 
 
-def _drawing(shot: Shot) -> Draw:
+def _drawing(shot: Shot) -> Callable[..., mi.Float]:
     """:meth:`Shot.primal` as a function of all that changes; one sample per pixel."""
     cameras, surroundings, bounces = shot.cameras, shot.surroundings, shot.bounces
 

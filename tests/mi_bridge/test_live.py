@@ -64,7 +64,7 @@ def test_draws_use_one_recording(camera):
     for turn in range(3):
         drawn(camera, texture(0.3), view(90.0 * turn, SIZE + 1), DAY, first=turn)
     recordings = [r for key, r in camera._recordings.items() if key[0] == (SIZE + 1, SIZE + 1)]
-    assert [recording._draw.n_recordings for recording in recordings] == [1]
+    assert [recording.recordings for recording in recordings] == [1]
 
 
 def test_the_mean_of_the_draws_is_the_picture(renderer, camera):
@@ -78,6 +78,7 @@ def test_the_mean_of_the_draws_is_the_picture(renderer, camera):
     assert np.sqrt(np.mean(apart**2)) < 0.02
 
 
+@pytest.mark.slow
 def test_a_world_by_day_and_with_its_lamps_on():
     scene = Scene.model_validate({"vehicle": {"texture_size": 32}, "world": "builtin:street"})
     renderer = build.build_path_tracer(scene, build.build_vehicle(scene))
@@ -86,3 +87,28 @@ def test_a_world_by_day_and_with_its_lamps_on():
         for azimuth in (30.0, 120.0):
             expected = rendered(renderer, texture(0.5), view(azimuth), weather)
             assert np.array_equal(drawn(camera, texture(0.5), view(azimuth), weather), expected)
+
+
+def test_wet_ground_which_cannot_be_recorded():
+    wet = {"vehicle": {"texture_size": 32}, "ground": {"wetness": 0.8}}
+    scene = Scene.model_validate(wet)
+    renderer = build.build_path_tracer(scene, build.build_vehicle(scene))
+    camera = LiveCamera(renderer)
+    for azimuth in (30.0, 120.0):
+        expected = rendered(renderer, texture(0.5), view(azimuth), DAY)
+        assert np.array_equal(drawn(camera, texture(0.5), view(azimuth), DAY), expected)
+
+
+def test_a_measured_sky_turns(tmp_path):
+    from cnca.core.images import write_exr
+
+    sky = np.random.default_rng(0).uniform(0.2, 1.0, (16, 32, 3)).astype(np.float32)
+    write_exr(tmp_path / "sky.exr", {"": sky})
+    for rotation in (0.0, 90.0):
+        content = {"vehicle": {"texture_size": 32}, "sky": {"map": "sky.exr", "rotation": rotation}}
+        scene = Scene.model_validate({**content, "base": tmp_path})
+        if rotation == 0.0:
+            renderer = build.build_path_tracer(scene, build.build_vehicle(scene))
+            camera = LiveCamera(renderer)
+        expected = rendered(renderer, texture(0.5), view(), scene.weather())
+        assert np.array_equal(drawn(camera, texture(0.5), view(), scene.weather()), expected)
