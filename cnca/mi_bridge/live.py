@@ -122,7 +122,7 @@ def _drawing(shot: Shot) -> Callable[..., mi.Float]:
     """:meth:`Shot.primal` as a function of all that changes; one sample per pixel."""
     cameras, surroundings, bounces = shot.cameras, shot.surroundings, shot.bounces
 
-    def draw(  # noqa: PLR0913 (what it reads must be handed to it)
+    def draw(
         frames: mi.Float,
         seed: mi.UInt32,
         part_seed: mi.UInt32,

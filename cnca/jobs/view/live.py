@@ -149,4 +149,3 @@ class LivePage:
     def _save_scene(self) -> Path:
         albedo = self._stage.albedo if self._stage.is_painted else None
         return save_scene(self.request.out, self._stage.scene, albedo)
-

@@ -39,7 +39,7 @@ const valueOf = (field) => {
 };
 
 function say(field, value) {
-  const output = field.parentElement.querySelector("output");
+  const output = field.parentElement.querySelector(".value");
   const scale = SCALES[field.dataset.key];
   if (output && scale && value !== undefined) output.textContent = scale.text(value);
 }

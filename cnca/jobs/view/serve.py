@@ -35,7 +35,9 @@ HEADERS = {
 class Page(Protocol):
     """What is served."""
 
-    html: str
+    @property
+    def html(self) -> str:
+        """The page itself."""
 
     def newer(self, than: int, timeout: float) -> Mapping[str, Any] | None:
         """What the page shows after number ``than``; None where there is nothing for a while."""
