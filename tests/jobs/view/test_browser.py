@@ -125,9 +125,10 @@ def test_the_street_with_a_prompt_for_the_docs(open_page, tmp_path):
         until(page, lambda shown: shown.get("samples", 0) >= 32, "the whole picture")
         assert page.locator("#boxes div").count() >= 1
         shots = os.environ.get("CNCA_SCREENSHOTS")
-        page.screenshot(path=Path(shots or tmp_path) / "view.png")
-        slide(page, "target error", 60)
+        page.screenshot(path=Path(shots or tmp_path) / "view.jpg", quality=85)
+        slide(page, "target error", 30)
         slide(page, "visibility", 45)
         slide(page, "time of day", 16.5)
+        until_next(page, 4)
         until(page, lambda shown: shown["samples"] >= 24, "the picture in fog")
-        page.screenshot(path=Path(shots or tmp_path) / "view_fog.png")
+        page.screenshot(path=Path(shots or tmp_path) / "view_fog.jpg", quality=85)
