@@ -135,7 +135,7 @@ def errors(scene: Scene, rung: str, samples: int) -> tuple[float, float, float]:
     background = kept.background(view(), scene.weather())
     pixels = background.pixels
     light, gradients = [], []
-    for model, shares in ((rung, background.shares), (GEOMETRY, np.ones(len(pixels)))):
+    for model in (rung, GEOMETRY):
         renderer = traced(scene, surroundings=model, interreflection=3)
         texture = albedo.clone().requires_grad_()
         vehicle = renderer.render_pixels(
@@ -145,7 +145,7 @@ def errors(scene: Scene, rung: str, samples: int) -> tuple[float, float, float]:
             pixels,
             seed=1,
             samples=samples,
-            portion=vehicle_part(shares),
+            portion=vehicle_part(background.shares),
         )
         vehicle.sum().backward()
         light.append(vehicle.detach())

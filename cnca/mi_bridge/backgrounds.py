@@ -8,7 +8,6 @@ spends its rays on the vehicle's pixels, a small part of the picture.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -16,7 +15,8 @@ import torch
 from jaxtyping import Float, Int
 
 from cnca.core.types import Boxes, LinearImages, LinearTexture, PlainPictures
-from cnca.mi_bridge.portions import REST, vehicle_part
+from cnca.mi_bridge.first_look import Background, first_look
+from cnca.mi_bridge.portions import vehicle_part
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View
 from cnca.scene.layers import Sighting
@@ -27,19 +27,6 @@ BACKGROUND_SEED = 0x2545F491
 
 REFERENCE_SAMPLES = 64
 """Rays per pixel of the vehicle in the picture that an EFR learns the weather from."""
-
-
-@dataclass(frozen=True)
-class Background:
-    """One view in one weather, in the plain paint."""
-
-    image: Float[torch.Tensor, "3 height width"]
-    pixels: Int[np.ndarray, " pixels"]
-    """Flat indices of the pixels that the vehicle touches."""
-    rest: Float[torch.Tensor, "pixels 3"] | None = None
-    """In a world: what all but the vehicle adds to these pixels."""
-    shares: Float[np.ndarray, " pixels"] | None = None
-    """In a world: of what the vehicle covers of each pixel, the share that nothing hides."""
 
 
 class KeptBackgrounds:
@@ -147,9 +134,8 @@ class KeptBackgrounds:
 
     def _render_background(self, view: View, weather: Weather) -> Background:
         renderer, seed = self.renderer, BACKGROUND_SEED
+        if renderer.worlds is not None:
+            return first_look(renderer, self.plain, view, weather, seed=seed)
         image = renderer.render(self.plain, [view], weather, seed=seed)[0]
         pixels = np.flatnonzero(renderer.vehicle_mask([view])[0] > 0)
-        if renderer.worlds is None:
-            return Background(image, pixels)
-        rest = renderer.render_pixels(self.plain, [view], weather, pixels, seed=seed, portion=REST)
-        return Background(image, pixels, rest, renderer.visible_pixels(view, pixels))
+        return Background(image, pixels)

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from cnca.mi_bridge.geometry import ALBEDO_FLOOR, Geometry
-from cnca.mi_bridge.integrator import trace
+from cnca.mi_bridge.integrator import Reflection, trace
 from cnca.mi_bridge.panes import sees_vehicle
 from cnca.mi_bridge.rays import Cameras, average_samples
 from cnca.mi_bridge.surroundings import Surroundings
@@ -41,13 +41,13 @@ class Shot:
         seed: int,
         exposure: float,
         first: int = 0,
-        only: str | None = None,
+        vehicle_only: bool = False,
         shares: Float[np.ndarray, " pixels"] | None = None,
     ) -> None:
         """
         Args:
             first: with which of a pixel's evenly spread samples this part of them begins.
-            only: "vehicle" leaves all else dark that cameras see, "rest" the vehicle.
+            vehicle_only: leaves all else dark that cameras see.
             shares: factors on the light of each pixel, such as what of it nothing hides.
         """
         self.geometry = geometry
@@ -57,7 +57,7 @@ class Shot:
         self.bounces = bounces
         self.seed = seed
         self.first = first
-        self.only = only
+        self.vehicle_only = vehicle_only
         self.exposure = dr.opaque(mi.Float, exposure)  # another value needs no other kernel
         self._shares = None if shares is None else mi.Float(np.float32(shares))
 
@@ -78,23 +78,31 @@ class Shot:
 
     def lanes(self, ray: mi.Ray3f) -> mi.Bool | None:
         """Which camera rays are followed; None is all."""
-        if self.only is None:
-            return None
-        on_vehicle = sees_vehicle(self.geometry, ray)
-        return on_vehicle if self.only == "vehicle" else ~on_vehicle
+        return sees_vehicle(self.geometry, ray) if self.vehicle_only else None
 
-    def primal(self, seed: int) -> mi.Color3f:
-        """Exposed radiance of every lane."""
+    def _walk(
+        self, seed: int, *, differentiable: bool = False
+    ) -> tuple[mi.Color3f, list[Reflection]]:
+        """Radiance of every lane and its reflections, as :func:`trace` has them."""
         sampler, ray, first_reflection = self.start(seed)
-        radiance, _ = trace(
+        # The path's own first hit says whether to follow it, but holes take a ray of their own.
+        by_ray = self.vehicle_only and self.geometry.has_holes
+        by_hit = self.vehicle_only and not by_ray
+        return trace(
             self.geometry.scene,
             self.surroundings,
             sampler,
             ray,
             first_reflection,
             bounces=self.bounces,
-            lanes=self.lanes(ray),
+            differentiable=differentiable,
+            lanes=self.lanes(ray) if by_ray else None,
+            starts=self.geometry.is_vehicle if by_hit else None,
         )
+
+    def primal(self, seed: int) -> mi.Color3f:
+        """Exposed radiance of every lane."""
+        radiance, _ = self._walk(seed)
         return radiance * self.weights()
 
     def adjoint(self, seed: int, albedo: mi.TensorXf, image_gradient: mi.TensorXf) -> mi.TensorXf:
@@ -102,17 +110,7 @@ class Shot:
         unit = self.geometry.bind(albedo, differentiable=True)
         dr.forward_from(unit, flags=dr.ADFlag.ClearEdges)
         with dr.suspend_grad():  # the integrator resumes it where the texture is looked up
-            sampler, ray, first_reflection = self.start(seed)
-            L, reflections = trace(
-                self.geometry.scene,
-                self.surroundings,
-                sampler,
-                ray,
-                first_reflection,
-                bounces=self.bounces,
-                differentiable=True,
-                lanes=self.lanes(ray),
-            )
+            L, reflections = self._walk(seed, differentiable=True)
             pixel = dr.arange(mi.UInt32, self.cameras.lanes(self.samples)) // self.samples
             δL = dr.gather(mi.Color3f, image_gradient.array, pixel)
             δL *= self.weights() / self.samples

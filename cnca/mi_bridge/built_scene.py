@@ -82,7 +82,7 @@ class BuiltScene:
         """What the paths of these pictures walk through, and the radiance that is shown as 1.
 
         Args:
-            rung: how much of a world takes part, unless the plan's demand says.
+            rung: how much of a world takes part.
         """
         self.wear(*(str(chosen[effect]) for effect in ("materials", "glass", "wetness")))
         atmosphere = self.atmosphere(
@@ -95,7 +95,6 @@ class BuiltScene:
         geometry, around = self.geometry, atmosphere.surroundings
         white = atmosphere.exposed_white(atmosphere.white)
         if self.worlds is not None:
-            rung = str(chosen.demand.forced.get("surroundings", rung))
             geometry, around, white = self.worlds.light(one_spot(views), atmosphere, rung)
         return geometry, replace(around, brightest=BOUNDS[str(chosen["caustics"])]), white
 

@@ -55,12 +55,14 @@ class FogField:
     """The one J of the model ``airlight``, in which the sun has its part."""
 
 
-def level_heights(height: float, stretch: float) -> Float[np.ndarray, " levels"]:
+def level_heights(
+    height: float, stretch: float, levels: int = LEVELS
+) -> Float[np.ndarray, " levels"]:
     """Heights of the levels: H/2 (1 + tanh(a t) / tanh(a)) for even steps of t in [−1, 1].
 
     Light changes fastest within an optical depth of the layer's two ends, however thick it is.
     """
-    t = np.linspace(-1, 1, LEVELS)
+    t = np.linspace(-1, 1, levels)
     return height / 2 * (1 + np.tanh(stretch * t) / np.tanh(stretch))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cnca.mi_bridge.fog import FogField
@@ -11,6 +13,9 @@ from cnca.mi_bridge.opaque import opaque_float, opaque_vector
 from cnca.mi_bridge.sky import Sky
 from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.weather import Fog
+
+SunShare = Callable[[mi.Point3f, mi.Bool], mi.Color3f | mi.Float]
+"""Point, whether it is asked for → share of the direct sun's light in [0, 1]."""
 
 
 class FogLayer:
@@ -23,6 +28,8 @@ class FogLayer:
 
         A field of one airlight is not looked up.
         """
+        self.fog, self.field = fog, field
+        self.shaded = False  # whether something of a world may stand between it and the sun
         self.sigma_t = opaque_float(fog.extinction)
         self.height = opaque_float(fog.height)
         self.albedo = opaque_float(fog.albedo)
@@ -44,6 +51,12 @@ class FogLayer:
             table = np.concatenate([field.source, field.radiance], axis=-1)
         self._table = mi.Texture3f(wrap_columns(table), wrap_mode=dr.WrapMode.Clamp)
 
+    def among(self, field: FogField) -> FogLayer:
+        """The same fog in a world, where the light in it is ``field``."""
+        other = FogLayer(self.fog, field, self.sky, self.forward)
+        other.shaded = True
+        return other
+
     def sun_transmittance(self, z: mi.Float) -> mi.Float:
         """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
         above = dr.clip(self.height - z, 0, self.height)
@@ -62,22 +75,30 @@ class FogLayer:
         return dr.exp(-self.sigma_t * inside * dr.norm(q - p))
 
     def segment(
-        self, ray: mi.Ray3f, si: mi.SurfaceInteraction3f, sample: mi.Float, active: mi.Bool
+        self,
+        ray: mi.Ray3f,
+        si: mi.SurfaceInteraction3f,
+        sample: mi.Float,
+        active: mi.Bool,
+        sun_share: SunShare | None = None,
     ) -> tuple[mi.Float, mi.Color3f]:
         """Transmittance of a ray up to ``si`` (may be infinitely far) and its in-scattered light.
+
+        ``sun_share`` says what of the direct sun gets to a point through a world; by default all.
 
         The light is ∫ σ_t T(s) J(s) ds, estimated at one distance drawn in proportion to
         σ_t exp(−σ_t s).  On rays that end on the vehicle T and J are those of
         :mod:`cnca.mi_bridge.forward`.
         """
-        start, end = self._interval(ray, si.t)
+        start, end = self.interval(ray, si.t)
         length = dr.select(end > start, end - start, 0)  # ∞ − ∞ for rays that never enter
         opacity = 1 - dr.exp(-self.sigma_t * length)
         # Invert the cumulative share of opacity; log1p stays exact for thin fog.
         s = dr.minimum(-dr.log(1 - sample * opacity) / self.sigma_t, length)
         z = dr.clip(ray.o.z + (start + s) * ray.d.z, 0, self.height)
         lit = active & (opacity > 0)
-        J, bare = self._source_function(z, ray.d, lit)
+        share = 1.0 if sun_share is None else sun_share(ray(start + s), lit)
+        J, bare = self._source_function(z, ray.d, lit, share)
         if self.forward is None:
             return 1 - opacity, dr.select(lit, opacity * J, 0)
         ahead = lit & self.forward.geometry.is_surrounded(si)
@@ -93,7 +114,7 @@ class FogLayer:
         T = dr.exp(dr.select(ahead, regained_all, 0) - self.sigma_t * length)
         return T, dr.select(lit, opacity * J, 0)
 
-    def _interval(self, ray: mi.Ray3f, distance: mi.Float) -> tuple[mi.Float, mi.Float]:
+    def interval(self, ray: mi.Ray3f, distance: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Where the ray is below the layer's top, as a range of distances."""
         # On the top itself only a ray that goes down is inside.
         inside = (ray.o.z < self.height) | ((ray.o.z == self.height) & (ray.d.z < 0))
@@ -104,7 +125,7 @@ class FogLayer:
         return dr.minimum(start, distance), end
 
     def _source_function(
-        self, z: mi.Float, d: mi.Vector3f, active: mi.Bool
+        self, z: mi.Float, d: mi.Vector3f, active: mi.Bool, sun_share: mi.Color3f | float = 1.0
     ) -> tuple[mi.Color3f, mi.Color3f]:
         """J and I at height ``z`` seen along ``d`` (I is 0 where no forward share asks for it)."""
         if self._airlight is not None:
@@ -115,11 +136,15 @@ class FogLayer:
         level = (1 + t) / 2
         w = (level * (self._levels - 1) + 0.5) / self._levels
         values = self._table.eval(mi.Point3f(uv.x, uv.y, w), active)
-        g, to_sun = self.asymmetry, self.sky.sun_direction
+        phase = self.phase(d, self.sky.sun_direction)
+        sun = self.albedo * phase * self.sun_transmittance(z) * sun_share
+        J = mi.Color3f(*values[:3]) + sun * mi.Color3f(self.sky.sun_irradiance)
+        return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
+
+    def phase(self, d: mi.Vector3f, to_sun: mi.Vector3f) -> mi.Float:
+        """Phase function in 1/sr of the sun's light that an eye sees which looks along ``d``."""
+        g = self.asymmetry
         # 1 + g² − 2g cos without the difference of nearly equal numbers where the lobe is narrow.
         apart = dr.squared_norm(d - dr.sign(g) * to_sun)
         spread = dr.square(1 - dr.abs(g)) + dr.abs(g) * apart
-        phase = (1 - g * g) * dr.inv_four_pi / (spread * dr.sqrt(spread))
-        sun = self.albedo * phase * self.sun_transmittance(z)
-        J = mi.Color3f(*values[:3]) + sun * mi.Color3f(self.sky.sun_irradiance)
-        return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
+        return (1 - g * g) * dr.inv_four_pi / (spread * dr.sqrt(spread))

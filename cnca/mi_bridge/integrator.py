@@ -13,6 +13,7 @@ it does a third one look for its lights.  Thin panes of glass are passed on the 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from cnca.mi_bridge.lamps import LampSample
@@ -88,6 +89,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     bounces: int,
     differentiable: bool = False,
     lanes: mi.Bool | None = None,
+    starts: Callable[[mi.SurfaceInteraction3f], mi.Bool] | None = None,
     reflected: bool = False,
 ) -> tuple[mi.Color3f, list[Reflection]]:
     """Follow one path per ray and return its radiance (linear RGB) and its reflections.
@@ -97,6 +99,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
         differentiable: whether to keep the reflections; the texture has 1 as its derivative then.
         lanes: paths to follow, the others stay dark; by default all.
+        starts: whether to follow a path, by what it meets first; likewise.
         reflected: whether the rays come from a surface that has sampled the lamps itself, not from
             a camera.
     """
@@ -104,6 +107,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     photo, table, lamps = surroundings.photo, surroundings.table, surroundings.lamps
     context = mi.BSDFContext()
     catching = photo is not None and fog is None
+    in_fog = surroundings.sun_in_fog(scene)
     longest = bounces + 1 + (MOST_PANES if surroundings.panes else 0)
 
     ray = mi.Ray3f(dr.detach(ray))  # current segment
@@ -121,6 +125,8 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
 
     while dr.hint(active, max_iterations=longest, label="path"):
         si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=depth == 0, active=active)
+        if dr.hint(starts is not None, mode="scalar"):
+            active &= (depth + panes > 0) | starts(si)  # type: ignore[misc]
         hit = active & si.is_valid()
         escapes = active & ~si.is_valid()
         towards = ray.d  # where the sky is looked up
@@ -133,7 +139,8 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
         # ---------------- light of the segment: fog and sky ----------------
         Le = mi.Color3f(0)
         if dr.hint(fog is not None, mode="scalar"):
-            T, airlight = fog.segment(ray, si, sampler.next_1d(active), active)  # type: ignore[union-attr]
+            ξ = sampler.next_1d(active)
+            T, airlight = fog.segment(ray, si, ξ, active, in_fog)  # type: ignore[union-attr]
             if dr.hint(probe is not None, mode="scalar"):  # which has the fog in it
                 T, airlight = dr.select(escapes, 1, T), dr.select(escapes, 0, airlight)
             Le += β * airlight

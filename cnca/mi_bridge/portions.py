@@ -1,4 +1,4 @@
-"""Parts of a picture in a world: what is the vehicle, and what is the rest."""
+"""What of a picture in a world is rendered: all of it, or the vehicle alone."""
 
 from __future__ import annotations
 
@@ -14,19 +14,17 @@ from cnca.effects.world import GEOMETRY
 class Portion:
     """Which part of a picture is rendered, and how."""
 
-    only: str | None = None
+    vehicle_only: bool = False
     """As :class:`cnca.mi_bridge.bridge.Shot` takes it."""
     rung: str = GEOMETRY
-    """How much of a world takes part, unless a demand says."""
+    """How much of a world takes part; for the vehicle alone a demand may say otherwise."""
     shares: Float[np.ndarray, " pixels"] | None = None
-    """As :class:`cnca.mi_bridge.bridge.Shot` takes them."""
+    """As :class:`cnca.mi_bridge.bridge.Shot` takes them; unused where the geometry is traced."""
 
 
 WHOLE = Portion()
-REST = Portion("rest")
-"""All but the vehicle."""
 
 
 def vehicle_part(shares: Float[np.ndarray, " pixels"]) -> Portion:
     """The vehicle in the world's kept light; ``shares`` is what of it nothing hides."""
-    return Portion("vehicle", "probe", shares)
+    return Portion(True, "probe", shares)

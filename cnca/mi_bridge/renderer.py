@@ -14,6 +14,7 @@ from cnca.effects.catalog import amounts
 from cnca.effects.effect import Model
 from cnca.effects.plan import Demand, EffectPlan, plan
 from cnca.effects.subject import Contents, Subject
+from cnca.effects.world import GEOMETRY
 from cnca.mi_bridge.bridge import Shot, render
 from cnca.mi_bridge.built_scene import BuiltScene
 from cnca.mi_bridge.finite import refuse_non_finite
@@ -176,7 +177,12 @@ class MitsubaRenderer:
         begin: int = 0,
     ) -> list[Shot]:
         """The parts that a picture of these views, or of these pixels of them, is rendered in."""
-        geometry, around, white = self.built.lit(chosen, views, portion.rung)
+        rung, shares = portion.rung, portion.shares
+        if portion.vehicle_only:
+            rung = str(chosen.demand.forced.get("surroundings", rung))
+        if rung == GEOMETRY:  # where what hides the vehicle is traced
+            shares = None
+        geometry, around, white = self.built.lit(chosen, views, rung)
         cameras = self._cameras(views, pixels)
         at_once = min(samples_at_once(cameras.lanes(1), most_rays), chosen.samples)
         refuse_too_many(cameras.lanes(at_once))
@@ -190,8 +196,8 @@ class MitsubaRenderer:
                 seed=seed,
                 exposure=self.exposure / white,
                 first=begin + first,
-                only=portion.only,
-                shares=portion.shares,
+                vehicle_only=portion.vehicle_only,
+                shares=shares,
             )
             for first in range(0, chosen.samples, at_once)
         ]

@@ -140,7 +140,8 @@ def _between(
     sky, fog = shot.surroundings.sky, shot.surroundings.fog
     T, light = mi.Float(1), mi.Color3f(0)
     if fog is not None:
-        T, light = fog.segment(ray, si, sampler.next_1d(), mi.Bool(True))
+        in_fog = shot.surroundings.sun_in_fog(shot.geometry.scene)
+        T, light = fog.segment(ray, si, sampler.next_1d(), mi.Bool(True), in_fog)
     behind = T * sky.radiance(ray.d, ~si.is_valid())
     return T, light + dr.select(si.is_valid(), 0, behind)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cnca.mi_bridge.envmap import DirectionTable, PhotographedGround
-from cnca.mi_bridge.fog_layer import FogLayer
+from cnca.mi_bridge.fog_layer import FogLayer, SunShare
 from cnca.mi_bridge.lamps import Lamps
+from cnca.mi_bridge.panes import pane_transmittance
 from cnca.mi_bridge.probe import Probe
 from cnca.mi_bridge.sky import Sky
 from cnca.mi_bridge.variant import mi
@@ -41,3 +42,12 @@ class Surroundings:
     def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """What arrives from direction ``d`` along a ray that meets no geometry."""
         return (self.probe or self.sky).radiance(d, active)
+
+    def sun_in_fog(self, scene: mi.Scene) -> SunShare | None:
+        """What of the direct sun gets into the fog of a world; None where nothing shades it."""
+        if self.fog is None or not self.fog.shaded or not self.sky.has_sun:
+            return None
+        if self.probe is not None:
+            return self.probe.sun_share
+        towards = mi.Vector3f(self.sky.sun_direction)
+        return lambda p, active: pane_transmittance(scene, mi.Ray3f(p, towards), active)

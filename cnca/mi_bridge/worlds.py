@@ -11,9 +11,11 @@ from cnca.core.errors import SceneError
 from cnca.effects.caustics import BOUNDS
 from cnca.effects.world import GEOMETRY
 from cnca.mi_bridge.atmosphere import DARKEST, Atmosphere
+from cnca.mi_bridge.fog_layer import FogLayer
 from cnca.mi_bridge.geometry import Geometry
 from cnca.mi_bridge.lamps import Lamps
 from cnca.mi_bridge.light import Light, lambertian_white
+from cnca.mi_bridge.measure_fog import measure_fog
 from cnca.mi_bridge.measure_lamps import KeptLamps, measure_lamps
 from cnca.mi_bridge.measure_probe import METER, PANORAMA, Resolution, measure
 from cnca.mi_bridge.near_ground import near_ground
@@ -46,6 +48,7 @@ class Worlds:
         self._ground: dict[Spot, list[mi.Mesh]] = {}
         self._lamplit: dict[tuple[Spot, Atmosphere], tuple[Geometry, Lamps | None]] = {}
         self._kept_lamps: dict[tuple[Spot, Atmosphere], KeptLamps | None] = {}
+        self._fogs: dict[tuple[Spot, Atmosphere], FogLayer] = {}
         self._probes: dict[tuple[Spot, Atmosphere], Probe] = {}
         self._whites: dict[tuple[Spot, Atmosphere], float] = {}
 
@@ -53,7 +56,7 @@ class Worlds:
         self, spot: Spot, atmosphere: Atmosphere, rung: str
     ) -> tuple[Geometry, Surroundings, float]:
         """What paths walk through on a rung of the effect "surroundings", and white card there."""
-        white, around = self.white(spot, atmosphere), atmosphere.surroundings
+        white, around = self.white(spot, atmosphere), self._around(spot, atmosphere)
         if rung == GEOMETRY:
             traced = self.traced(spot, lit=atmosphere.lamps)
             lamps = self._lamps(traced, atmosphere)
@@ -168,10 +171,21 @@ class Worlds:
             return None
         return Lamps(geometry.scene, geometry.lamps, 1 / atmosphere.unit)
 
+    def _around(self, spot: Spot, atmosphere: Atmosphere) -> Surroundings:
+        """Sky and fog, with the light that the fog has in the world."""
+        around, key = atmosphere.surroundings, (spot, atmosphere)
+        if around.fog is None or around.fog.field.airlight is not None:
+            return around
+        if key not in self._fogs:
+            bare = self._both(spot, lit=atmosphere.lamps)[1]
+            bounded = replace(around, brightest=BOUNDS["regularised"])
+            self._fogs[key] = around.fog.among(measure_fog(bare, bounded, around.fog))
+        return replace(around, fog=self._fogs[key])
+
     def _measure(self, spot: Spot, atmosphere: Atmosphere, resolution: Resolution) -> Kept:
         bare = self._both(spot, lit=atmosphere.lamps)[1]
         bound, lamps = BOUNDS["regularised"], self._lamps(bare, atmosphere)
-        around = atmosphere.surroundings
+        around = self._around(spot, atmosphere)
         around = replace(around, panes=bare.has_panes, brightest=bound, lamps=lamps)
         return measure(bare, around, self._alone.vehicle_bounds, resolution)
 

@@ -8,6 +8,7 @@ import torch
 
 from cnca.core.color import srgb_to_linear
 from cnca.core.errors import SceneError
+from cnca.effects.plan import Demand
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.mi_bridge.raster import PlainShading
@@ -43,6 +44,13 @@ ASPHALT = Surface(base_color=(0.15, 0.15, 0.15), roughness=1.0, specular=0.0)
 
 def street(*pieces, **surfaces) -> World:
     return World("test", (ROAD, *pieces), {"asphalt": ASPHALT, **surfaces})
+
+
+SLATS = [
+    quad(f"slat {y}", "brick", [[4, y, 0], [4, y + 0.1, 0], [4, y + 0.1, 1.5], [4, y, 1.5]])
+    for y in np.arange(-1.2, 1.2, 0.3)
+]
+"""A fence in front of the vehicle."""
 
 
 def rendered(vehicle, *pieces, weather=NOON, view=None, samples=64, **surfaces):
@@ -140,12 +148,35 @@ def test_the_kept_light_of_a_world_is_that_of_its_geometry(loop, weather):
     with torch.no_grad():
         kept = loop.render(GREY, [VIEW], weather, seed=1)[0]
         traced = loop.renderer.render(GREY, [VIEW], weather, seed=2)[0]
-    covered = torch.from_numpy(loop.renderer.vehicle_mask([VIEW])[0] > 0)
-    assert torch.equal(kept[:, ~covered], loop.background(VIEW, weather).image[:, ~covered])
+    background = loop.background(VIEW, weather)
+    covered = torch.zeros(VIEW.height * VIEW.width, dtype=torch.bool)
+    covered = covered.index_fill(0, torch.from_numpy(background.pixels), True).reshape(24, 24)
+    assert torch.equal(kept[:, ~covered], background.image[:, ~covered])
     kept, traced = kept[:, covered], traced[:, covered]
     assert (kept - traced).mean().abs() < 0.03 * traced.mean()
     error = ((kept - traced).square() / (traced.square() + 0.01)).mean().sqrt()
     assert error < 0.1  # as in cnca.effects.prices, noise included
+
+
+def test_what_hides_the_vehicle_does_so_once_where_geometry_is_traced(vehicle):
+    renderer = MitsubaRenderer(
+        vehicle,
+        texture_size=8,
+        samples=256,
+        bounces=2,
+        worlds=lambda spot: street(*SLATS, brick=Surface(base_color=(0.6, 0.2, 0.1))),
+        demand=Demand(forced={"surroundings": "geometry"}),
+    )
+    behind, loop = orbit(0, 8, 9, width=16, height=16), KeptBackgrounds(renderer, GREY)
+    with torch.no_grad():
+        kept = loop.render(GREY, [behind], NOON, seed=1)[0]
+        traced = renderer.render(GREY, [behind], NOON, seed=2, demand=Demand())[0]
+    background = loop.background(behind, NOON)
+    partly = background.pixels[(background.shares > 0.2) & (background.shares < 0.8)]
+    assert len(partly) > 10
+    assert kept.flatten(1)[:, partly].mean() == pytest.approx(
+        traced.flatten(1)[:, partly].mean().item(), rel=0.03
+    )
 
 
 def test_the_gradient_through_the_kept_light_is_that_of_the_geometry(loop):
