@@ -8,7 +8,9 @@ what :class:`cnca.mi_bridge.renderer.MitsubaRenderer` renders, to the last bit.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,6 +31,8 @@ from cnca.scene.cameras import View
 
 RECORDINGS = 8
 """Of different plans and picture sizes that are kept for one geometry."""
+MOST_FAILURES = 2
+"""Attempts to record a draw, after which it is traced anew each time."""
 
 TRAVERSED = (mi.Object, mi.Texture1f, mi.Texture2f, mi.Texture3f)
 """Of Mitsuba's types those that Dr.Jit looks into for arrays."""
@@ -64,7 +68,7 @@ class LiveCamera:
             self._bind(shot.geometry, albedo)
             arrays, constants = kernel_inputs(shot.surroundings)
             size = view.width, view.height
-            recording = self._recording((size, chosen.bounces, *constants), shot)
+            recording = self._recording((size, chosen.bounces, *constants))
             image = recording.draw(shot, arrays, seed=seed, first=first)
         picture = image.reshape(view.height, view.width, 3)
         if not np.isfinite(picture).all():
@@ -84,43 +88,62 @@ class LiveCamera:
             geometry.bind(mi.TensorXf(np.ascontiguousarray(texture, dtype=np.float32)))
             self._bound = albedo
 
-    def _recording(self, key: Constants, shot: Shot) -> _Recording:
+    def _recording(self, key: Constants) -> _Recording:
         if key not in self._recordings:
             if len(self._recordings) >= RECORDINGS:
                 self._recordings.pop(next(iter(self._recordings)))
-            self._recordings[key] = _Recording(shot)
+            self._recordings[key] = _Recording()
         return self._recordings[key]
 
 
 class _Recording:
     """One draw for one geometry, and for all light that its kernel can read."""
 
-    def __init__(self, shot: Shot) -> None:
-        self._traced = _drawing(shot)
-        # The tables of a measured sky cannot be handed over.
-        measured = shot.surroundings.sky.measured is not None
-        self._recorded = None if measured else dr.freeze(self._traced)
+    def __init__(self) -> None:
+        self._failures = 0
+        self._shot: Shot | None = None
+        self._recorded = dr.freeze(_drawing(self))
 
     @property
     def recordings(self) -> int:
-        """How often the draw was recorded; 0 where it is traced anew each time."""
-        return 0 if self._recorded is None else self._recorded.n_recordings
+        """How often the draw was recorded."""
+        return self._recorded.n_recordings
+
+    @property
+    def shot(self) -> Shot:
+        """What is drawn: Dr.Jit may record anew at any time, and must find the light of now."""
+        assert self._shot is not None
+        return self._shot
 
     def draw(self, shot: Shot, arrays: list[Any], *, seed: int, first: int) -> np.ndarray:
+        self._shot = shot
         part_seed = seed + PART_SEED * first & 0xFFFFFFFF
         numbers = [dr.opaque(mi.UInt32, n) for n in (seed & 0xFFFFFFFF, part_seed, first)]
         given = shot.cameras.frames, *numbers, shot.exposure, shot.geometry.scene, arrays
-        if self._recorded is not None:
+        # The tables of a measured sky cannot be handed over.
+        if self._failures < MOST_FAILURES and shot.surroundings.sky.measured is None:
             try:
-                return np.array(self._recorded(*given))
+                with _no_collection():
+                    return np.array(self._recorded(*given))
             except RuntimeError:  # lamps and wet ground: calls within calls are not recorded
-                self._recorded = None
-        return np.array(self._traced(*given))
+                self._failures += 1
+        return np.array(_drawing(self)(*given))
 
 
-def _drawing(shot: Shot) -> Callable[..., mi.Float]:
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Arrays of numpy that are freed while Dr.Jit records end the process."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _drawing(recording: _Recording) -> Callable[..., mi.Float]:
     """:meth:`Shot.primal` as a function of all that changes; one sample per pixel."""
-    cameras, surroundings, bounces = shot.cameras, shot.surroundings, shot.bounces
 
     def draw(
         frames: mi.Float,
@@ -131,12 +154,15 @@ def _drawing(shot: Shot) -> Callable[..., mi.Float]:
         scene: mi.Scene,
         _arrays: list[Any],
     ) -> mi.Float:
-        lens = copy(cameras)
+        shot = recording.shot
+        lens = copy(shot.cameras)
         lens.frames = frames
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(part_seed, lens.lanes(1))
         ray, first_reflection = lens.rays(1, seed, first)
-        radiance, _ = trace(scene, surroundings, sampler, ray, first_reflection, bounces=bounces)
+        radiance, _ = trace(
+            scene, shot.surroundings, sampler, ray, first_reflection, bounces=shot.bounces
+        )
         radiance *= exposure
         dr.eval(radiance)
         return dr.ravel(radiance)

@@ -78,6 +78,21 @@ def test_the_mean_of_the_draws_is_the_picture(renderer, camera):
     assert np.sqrt(np.mean(apart**2)) < 0.02
 
 
+def test_a_draw_that_cannot_be_recorded_is_traced_with_the_light_of_now(renderer, monkeypatch):
+    camera, albedo = LiveCamera(renderer), texture(0.5)
+    drawn(camera, albedo, view(), DAY)
+    (recording,) = camera._recordings.values()
+
+    def fail(*given):
+        raise RuntimeError("not recorded")
+
+    monkeypatch.setattr(recording, "_recorded", fail)
+    evening = replace(DAY, sun_altitude=10.0)
+    for _ in range(3):
+        expected = rendered(renderer, albedo, view(), evening)
+        assert np.array_equal(drawn(camera, albedo, view(), evening), expected)
+
+
 @pytest.mark.slow
 def test_a_world_by_day_and_with_its_lamps_on():
     scene = Scene.model_validate({"vehicle": {"texture_size": 32}, "world": "builtin:street"})
