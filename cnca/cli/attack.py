@@ -17,7 +17,6 @@ from cnca.jobs.attack.request import Request
 from cnca.jobs.transfer_request import Judging
 
 DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "zebra strips"
-DEMO_DETECTOR = "builtin:plane"
 """The easiest of those that ship: the others take hours, or are hardly moved."""
 
 Tau = Annotated[
@@ -168,12 +167,11 @@ def demo(
 
     resume = (out / "manifest.json").exists() and not (out / "summary.json").exists()
     # Views that come back soon: the first look at one in a street takes longer than the step.
-    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=6, view_pool=96)
+    settings = Settings(DEMO_PROMPT, steps=steps, views_per_step=6, view_pool=48)
     request = Request(
         DEMO_SCENE,
         out,
         settings,
-        (DEMO_DETECTOR,),
         samples=4,
         gradient_checkpointing=False,
         held_out_views=16,

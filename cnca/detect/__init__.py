@@ -25,7 +25,7 @@ TRAINED = {
     "transformer": _ASSETS / "transformer",
 }
 """What ``cnca train-detector --kind`` trains: Darknet configurations, a folder of transformers."""
-BUILTINS = {BUILTIN: BUILTIN_CONFIG, f"{BUILTIN}:plane": _ASSETS / "plane.cfg"} | {
+BUILTINS = {BUILTIN: BUILTIN_CONFIG} | {
     f"{BUILTIN}:{kind}": TRAINED[kind] for kind in ("anchor-free", "transformer")
 }
 """The built-in detectors by name, with their weights beside them once they are trained."""
