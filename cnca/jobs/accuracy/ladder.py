@@ -31,7 +31,8 @@ from cnca.jobs.accuracy.fidelity import (
     squared_error,
     squared_noise,
 )
-from cnca.jobs.accuracy.price_list import write_picture, write_table
+from cnca.jobs.accuracy.figure import Still, draw_figure, seconds_of, shown_rungs
+from cnca.jobs.accuracy.price_list import write_table
 from cnca.jobs.accuracy.records import (
     AccuracyReport,
     MeasuredRung,
@@ -61,7 +62,7 @@ class Rung:
     scale: float = 1.0
     """Share of the picture's sides that is rendered; the rest is interpolated."""
     target: float | None = None
-    """The error for which the plan chose this."""
+    """The error that was asked for."""
 
 
 def ladder() -> Iterator[Rung]:
@@ -83,7 +84,13 @@ def ladder() -> Iterator[Rung]:
 
 def measure(bench: Bench, rung: Rung, reference: Reference) -> MeasuredRung:
     """Processor seconds and errors of one rung; the first call makes kernels and solves the fog."""
-    shots = [bench.shoot(rung.demand, repeat, rung.scale) for repeat in range(REPEATS)]
+    plan = bench.plan(rung.demand)
+    predicted = explain(plan)[-1].error
+    if rung.target is None:
+        shots = [bench.shoot(rung.demand, repeat, rung.scale) for repeat in range(REPEATS)]
+    else:
+        aimed = [bench.aim(rung.target, repeat) for repeat in range(REPEATS)]
+        shots, plan = [shot[:3] for shot in aimed], aimed[-1][3]
     images, gradients, seconds = zip(*shots, strict=True)
     first, second = reference.picture_halves()
     halves = (bench.pixels(first), bench.pixels(second))
@@ -95,13 +102,12 @@ def measure(bench: Bench, rung: Rung, reference: Reference) -> MeasuredRung:
     truth = bench.score(LinearImages((first + second) / 2))
     agreements = [gradient_agreement(g, reference.gradient_halves()) for g in gradients]
     cosine, length = np.mean(agreements, axis=0)
-    plan = bench.plan(rung.demand)
     return MeasuredRung(
         name=rung.name,
         target=rung.target,
         models=dict(plan.models),
         scale=rung.scale,
-        predicted_error=explain(plan)[-1].error,
+        predicted_error=predicted,
         seconds=RungSeconds(seconds[0], _fastest(seconds[1:])),
         error=root(float(np.mean([square for square, _ in squares]))),
         bias=root(float(bias)),
@@ -126,7 +132,7 @@ def accuracy(request: AccuracyRequest, console: Console) -> AccuracyReport:
     """
     scene_file, out, seconds = request.scene, request.out, request.seconds
     detector, volpath = request.detector, request.volpath
-    started = time.monotonic()
+    started = time.process_time()
     scene = load_scene(scene_file)
     if volpath and (scene.fog is None or scene.fog.height == 0):
         raise RunError(f"{scene_file}: --volpath is for fog, and the scene has none; leave it out")
@@ -155,18 +161,36 @@ def accuracy(request: AccuracyRequest, console: Console) -> AccuracyReport:
         for rung, rays in progress.track(_by_rays(bench), description="rungs"):
             if rung.name in known:
                 continue
-            begun = time.monotonic()
+            begun = time.process_time()
             if begun + pace * rays > started + seconds:
                 report.not_reached.append(rung.name)
                 continue
             report.rungs.append(measure(bench, rung, reference))
             write_json(out / "accuracy.json", as_json(report))
-            pace = (time.monotonic() - begun) / rays
+            pace = (time.process_time() - begun) / rays
     report = replace(report, front=pareto_front(report.rungs))
     write_json(out / "accuracy.json", as_json(report))
     write_table(out / "accuracy.md", report)
-    write_picture(out / "accuracy.png", report)
+    draw_figure(out / "accuracy.png", report, stills(bench, report, reference))
     return report
+
+
+def stills(bench: Bench, report: AccuracyReport, reference: Reference) -> list[Still]:
+    """Pictures of some rungs of the front, and of the reference."""
+    first, second = reference.picture_halves()
+    truth = LinearImages((first + second) / 2)
+    shown = []
+    for rung in shown_rungs(report):
+        if rung.target is None:
+            name = rung.name.replace(" spp", " rays")
+            image, _, _ = bench.shoot(Demand(forced=dict(rung.models)), 0, rung.scale)
+        else:
+            name = f"{rung.target:.0%} asked"
+            image, *_ = bench.aim(rung.target, 0)
+        caption = f"{name}\n{seconds_of(rung):.2f} s, error {rung.error:.1%}"
+        shown.append(bench.still(image, caption, truth))
+    spent = f"{report.reference.seconds:.0f} s, {report.reference.samples} rays"
+    return [*shown, bench.still(truth, f"reference\n{spent}", None)]
 
 
 def pareto_front(rungs: Sequence[MeasuredRung]) -> list[str]:

@@ -1,17 +1,12 @@
-"""The price list that ``cnca accuracy`` measures, as a table and as a picture."""
+"""The price list that ``cnca accuracy`` measures, as a table."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
-from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
-
 from cnca.core.files import replacing
+from cnca.jobs.accuracy.figure import seconds_of
 from cnca.jobs.accuracy.records import AccuracyReport, MeasuredRung, ReferenceRecord
 
 COLUMNS: dict[str, Callable[[MeasuredRung], str]] = {
@@ -45,7 +40,7 @@ def write_table(path: Path, report: AccuracyReport) -> None:
         "| " + " | ".join(COLUMNS) + " |",
         "|" + "---|" * len(COLUMNS),
     ]
-    for rung in sorted(report.rungs, key=_seconds):
+    for rung in sorted(report.rungs, key=seconds_of):
         cells = [cell(rung) for cell in COLUMNS.values()]
         if rung.name in report.front:
             cells[0] = f"**{cells[0]}**"
@@ -68,35 +63,6 @@ def describe_reference(reference: ReferenceRecord) -> str:
     )
 
 
-def write_picture(path: Path, report: AccuracyReport) -> None:
-    """Error over time: all rungs, the Pareto front, and what the plan chose for which target."""
-    rungs = [rung for rung in report.rungs if rung.error > 0]
-    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    axes.scatter([_seconds(r) for r in rungs], [r.error for r in rungs], s=14, alpha=0.5)
-    front = sorted((r for r in rungs if r.name in report.front), key=_seconds)
-    axes.step([_seconds(r) for r in front], [r.error for r in front], where="post", label="best")
-    for rung in rungs:
-        if rung.target is not None:
-            axes.scatter(_seconds(rung), rung.error, marker="*", s=120, color="tab:red")
-            text, where = f"{rung.target:.0%} asked", (_seconds(rung), rung.error)
-            axes.annotate(text, where, (-8, 8), textcoords="offset points", ha="right")
-    axes.set(
-        xscale="log", yscale="log", xlabel="processor seconds per view, forward", ylabel="error"
-    )
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter(PercentFormatter(1))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_title(f"{report.scene}, view {report.view.name}")
-    axes.legend()
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=120)
-    plt.close(figure)
-
-
 def _bias(rung: MeasuredRung) -> str:
     sign = "" if rung.bias > rung.bias_hidden else "< "
     return f"{sign}{max(rung.bias, rung.bias_hidden):.2%}"
-
-
-def _seconds(rung: MeasuredRung) -> float:
-    return rung.seconds.steady.forward

@@ -37,7 +37,7 @@ class MeasuredRung:
 
     name: str
     target: float | None
-    """The error for which the plan chose this."""
+    """The error that was asked for; seconds hold the pilot's."""
     models: Mapping[str, Model]
     """Effect → model."""
     scale: float

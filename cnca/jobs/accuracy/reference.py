@@ -19,8 +19,17 @@ from cnca.core.manifest import DRAWING, hashes, program
 from cnca.core.progress import bar
 from cnca.core.types import LinearImages, LinearTexture
 from cnca.effects.plan import Demand, EffectPlan
-from cnca.jobs.accuracy.fidelity import Pixels, error_of_mean, root, squared_noise, vehicle_pixels
+from cnca.jobs.accuracy.fidelity import (
+    DARK,
+    Pixels,
+    error_of_mean,
+    root,
+    squared_noise,
+    vehicle_pixels,
+)
+from cnca.jobs.accuracy.figure import Still
 from cnca.jobs.accuracy.records import Agreement, PassSeconds
+from cnca.jobs.accuracy.targets import Scenery, meet
 from cnca.judge.gallery import digest
 from cnca.judge.scores import detection_score
 from cnca.mi_bridge.volpath import exposed_volpath
@@ -78,6 +87,30 @@ class Bench:
         assert albedo.grad is not None
         return LinearImages(image.detach()), albedo.grad, seconds
 
+    def aim(self, target: float, seed: int) -> tuple[LinearImages, Tensor, PassSeconds, EffectPlan]:
+        """Like :meth:`shoot` for a target error, and the plan that a pilot made.
+
+        Seconds hold the pilot's; the gradient is that of the same models and as many rays.
+        """
+        scenery = Scenery(self.renderer, self.albedo, self.view, self.weather, {})
+        image, plan, measured = meet(scenery, target=target, seed=seed)
+        demand = Demand(forced={**plan.models, "gradient": "texture"})
+        _, gradient, seconds = self.shoot(demand, seed)
+        return image, gradient, PassSeconds(measured.seconds, seconds.backward), plan
+
+    def still(self, image: LinearImages, caption: str, reference: LinearImages | None) -> Still:
+        """The picture around the vehicle, and its relative errors."""
+        left, top, right, bottom = (int(edge) for edge in self.boxes[0].tolist())
+        margin = max(right - left, bottom - top) // 12
+        rows = slice(max(top - margin, 0), bottom + margin)
+        columns = slice(max(left - margin, 0), right + margin)
+        picture = linear_to_srgb(image)[0, :, rows, columns].permute(1, 2, 0).numpy()
+        error = None
+        if reference is not None:
+            square = (image - reference)[0] ** 2 / (reference[0] ** 2 + DARK)
+            error = square.mean(dim=0).sqrt()[rows, columns].numpy()
+        return Still(caption, picture, error)
+
     def volpath(self, demand: Demand, seed: int) -> LinearImages:
         """The same view by Mitsuba's own volumetric path tracer, which gives no gradient."""
         samples = self.plan(demand).samples
@@ -107,6 +140,7 @@ class Reference:
 
     rounds: int = 0
     seconds: float = 0.0
+    """Of the processor."""
     pictures: list[Tensor] = field(default_factory=list)
     gradients: list[Tensor] = field(default_factory=list)
 
@@ -134,9 +168,9 @@ def converge(
         while reference.rounds < MOST_ROUNDS:
             if reference.rounds > 1 and agreement(bench, reference).standard_error < CONVERGED:
                 break
-            if reference.rounds > 0 and time.monotonic() > deadline:
+            if reference.rounds > 0 and time.process_time() > deadline:
                 break
-            started = time.perf_counter()
+            started = time.process_time()
             for half in range(2):
                 seed = REFERENCE_SEED + 2 * reference.rounds + half
                 image, gradient, _ = bench.shoot(demand, seed)
@@ -144,7 +178,7 @@ def converge(
                 _add(reference.pictures, half, image)
                 _add(reference.gradients, half, gradient)
             reference.rounds += 1
-            reference.seconds += time.perf_counter() - started
+            reference.seconds += time.process_time() - started
             with replacing(path) as temporary:
                 torch.save(asdict(reference), temporary)
             progress.update(task, completed=reference.rounds)

@@ -18,7 +18,7 @@ class AccuracyRequest:
 
     scene: Annotated[Path, Flag("Scene file.", positional=True)]
     out: Annotated[Path, Flag("Folder for table, picture and reference.", OUTPUT)]
-    seconds: Annotated[float, Flag("Budget of time.", COST)] = 900.0
+    seconds: Annotated[float, Flag("Budget of processor seconds.", COST)] = 900.0
     """The reference takes at most two fifths of it."""
     view: Annotated[str | None, Flag("Camera by name; by default the first.")] = None
     detector: Annotated[str, Flag("builtin, or a Darknet .cfg, or an .onnx.")] = "builtin"

@@ -110,7 +110,7 @@ def test_a_damaged_report_is_refused_before_anything_is_rendered(scene, tmp_path
 
 def test_what_the_budget_does_not_reach_is_named(measured, scene, monkeypatch, tmp_path):
     """The first rung takes so long that none with as many rays fits into what is left."""
-    clock = SimpleNamespace(now=0.0, monotonic=lambda: clock.now)
+    clock = SimpleNamespace(now=0.0, process_time=lambda: clock.now)
 
     def slow(*arguments):
         clock.now += 400

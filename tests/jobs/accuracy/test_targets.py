@@ -70,8 +70,8 @@ def test_variance_is_that_of_the_neighborhood():
     group = np.ones((SIDE, SIDE), dtype=bool)
     v = variance(np.where(SPREAD > 0.1, 1.0, 0.0), np.full(SIDE**2, 3), group)
     assert v.mean() == pytest.approx(1.5, rel=1e-6)
-    assert v[0] == pytest.approx(1.5 / 2)
-    assert v[SIDE - 1] == pytest.approx(1.5 / 2 + 3 / 2)
+    assert v[0] == pytest.approx(0.75)
+    assert v[SIDE - 1] == pytest.approx(2.25)
     border = SIDE // 2 - 1, SIDE // 2
     assert 0.75 < v[border[0]] < v[border[1]] < 2.25
 
