@@ -15,6 +15,7 @@ from cnca.core.options import OUTPUT, STRENGTH, WHAT
 from cnca.jobs.attack.presets import BEST, OF_NOISES, PRESETS, under_preset
 from cnca.jobs.attack.request import Request
 from cnca.jobs.transfer_request import Judging
+from cnca.jobs.view.turntable_request import TurntableRequest
 
 DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "zebra strips"
 """The easiest of those that ship: the others take hours, or are hardly moved."""
@@ -179,6 +180,15 @@ def demo(
     )
     request = under_preset(request, but=["minutes", "views_per_step", "view_pool"])
     run_attack(request)
+    _turn(out)
+
+
+def _turn(run: Path) -> None:
+    """End with a look: the turntable of a run."""
+    from cnca.cli import show
+    from cnca.jobs.view.turntable import turntable
+
+    show.ending({"turntable": turntable(TurntableRequest(run), show.messages())})
 
 
 @app.command(rich_help_panel=ATTACK)

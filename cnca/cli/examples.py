@@ -20,6 +20,10 @@ EXAMPLES = {
         "view builtin:street_day --detector builtin",
         'view builtin:sedan_fog --prompt "zebra strips" --target-error 0.1',
     ],
+    "turntable": [
+        "turntable out/sedan",
+        "turntable out/sedan --scene builtin:street_fog --frames 36 --out turn.gif",
+    ],
     "accuracy": ["accuracy builtin:sedan_clear --out out/accuracy --seconds 600"],
     "accuracy-generator": ["accuracy-generator --out out/prices --probes 5"],
     "calibrate": ["calibrate --out out/prices --scenes 8"],

@@ -9,7 +9,9 @@ import typer
 
 from cnca.cli.app import app
 from cnca.cli.help import ATTACK, JUDGE, Group
+from cnca.cli.options import Given, takes
 from cnca.core.options import COST, OUTPUT, WHAT
+from cnca.jobs.view.turntable_request import TurntableRequest
 
 survey = typer.Typer(
     cls=Group, help="Ask people how natural pictures look: the paper's appendix A."
@@ -40,6 +42,18 @@ def report(
 
     page = write_report(folder, turntables(folder, turntable, show.messages()))
     show.ending({"report": page})
+
+
+@app.command(rich_help_panel=ATTACK)
+@takes(TurntableRequest)
+def turntable(given: Given[TurntableRequest]) -> None:
+    """Let a run's vehicle turn in its scene: plain paint, camouflage, the detector's boxes."""
+    request = given.record()
+    from cnca.cli import show
+    from cnca.jobs.view.turntable import turntable
+
+    path = turntable(request, show.messages())
+    show.ending({"turntable": path}, ["report", request.run])
 
 
 @survey.command("build")
