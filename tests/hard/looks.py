@@ -35,6 +35,7 @@ NOISY = {
     *("fog_forward", "fog_backward", "fog_sun_grazing", "sun_in_picture"),
     *("mesh_inverted_normals", "mesh_inside_out"),
     *("mesh_pointlike_uvs", "mesh_line_uvs", "mesh_mirrored_uvs"),
+    *("world_bare", "world_mirrored", "world_inside_out"),
     *("camera_straight_down", "camera_touching_paint", "camera_telescope"),
 }
 """Scenes whose truth holds within noise; besides them those of ``sun_altitude_…``."""
