@@ -9,6 +9,7 @@ import typer
 
 from cnca.cli.help import Group
 from cnca.core.errors import RunError
+from cnca.core.options import FIGURE_FORMAT, figure_formats
 
 QUIET = "CNCA_QUIET"
 """Environment variable that silences progress bars; ``--quiet`` sets it."""
@@ -64,6 +65,14 @@ def _options(
             help="Memory for rays, such as 500MiB: larger pictures are rendered in parts.",
         ),
     ] = None,
+    figure_format: Annotated[
+        str,
+        typer.Option(
+            metavar="FORMATS",
+            envvar=FIGURE_FORMAT,
+            help="Write plots as pdf or svg, too, for papers; or pdf,svg.",
+        ),
+    ] = "png",
 ) -> None:
     command = context.invoked_subcommand
     if LAUNCHED in os.environ and command not in DIVIDED:
@@ -71,6 +80,8 @@ def _options(
             f"cnca {command} under torchrun: each process would do all of it; start it alone, "
             f"torchrun divides {', '.join(DIVIDED)}"
         )
+    if figure_formats(figure_format):
+        os.environ[FIGURE_FORMAT] = figure_format  # where cnca.report.figures looks
     if memory_budget:
         os.environ[MEMORY_BUDGET] = memory_budget  # likewise in cnca.mi_bridge.memory
     if quiet:

@@ -27,7 +27,7 @@ SUBJECTS = (BEGIN, ATTACK, JUDGE, RENDER, VEHICLES, TRAIN)
 OTHER = "Options"
 NAMES, WIDEST = 29, 100
 """Characters for the names of flags, and for a line, at most."""
-GLOBAL = ("--quiet", "-q", "--memory-budget", "--version")
+GLOBAL = ("--quiet", "-q", "--memory-budget", "--figure-format", "--version")
 """Flags of ``cnca`` itself, which come before the command."""
 
 

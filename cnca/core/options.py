@@ -8,10 +8,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cnca.core.errors import RunError
+
 WHAT, STRENGTH, COST, OUTPUT = "What", "Strength", "Cost", "Output"
 PANELS = (WHAT, STRENGTH, COST, OUTPUT)
 """Parts of a command's help, in this order: what is worked on, how strongly, what it costs in time
 and memory, and where the results go."""
+
+FIGURE_FORMAT = "CNCA_FIGURE_FORMAT"
+"""Environment variable with the formats of plots; ``--figure-format`` sets it."""
+FIGURE_FORMATS = (".pdf", ".svg")
+"""In which plots can be written beside PNG."""
+
+
+def figure_formats(words: str) -> list[str]:
+    """Endings for words such as ``pdf,svg``; PNG is always written and is none of them.
+
+    Raises RunError for another format.
+    """
+    endings = [f".{word.strip().lower()}" for word in words.split(",") if word.strip()]
+    for ending in endings:
+        if ending not in (".png", *FIGURE_FORMATS):
+            raise RunError(f"--figure-format {words}: plots are written as png, pdf or svg")
+    return [ending for ending in FIGURE_FORMATS if ending in endings]
 
 
 @dataclass(frozen=True)

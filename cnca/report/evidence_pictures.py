@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
-from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 
 from cnca.core.detections import ALARM
-from cnca.core.files import replacing
 from cnca.core.pictures import SrgbPicture, as_pictures, draw_boxes, side_by_side
 from cnca.core.types import SrgbImages
 from cnca.judge.records import SectionScores
 from cnca.judge.stage import Eye, Stage
 from cnca.judge.verdict import Seen
+from cnca.report import figures
 
 SHOWN_VIEWS = 6
 UNITS = {
@@ -31,6 +27,7 @@ UNITS = {
 }
 
 
+@figures.style()
 def plot_sections(out: Path, sections: Mapping[str, Sequence[SectionScores]]) -> str:
     """The paper's figure of AP by elevation, azimuth, distance, fog and sun; 95 % bands.
 
@@ -52,9 +49,10 @@ def plot_sections(out: Path, sections: Mapping[str, Sequence[SectionScores]]) ->
     np.atleast_1d(panels)[0].set_ylabel("AP@0.5 (VOC, car)")
     handles, labels = np.atleast_1d(panels)[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
-    return _save(figure, out, "sections.png")
+    return figures.save(figure, out / "sections.png")
 
 
+@figures.style()
 def plot_azimuths(out: Path, sections: Mapping[str, Sequence[SectionScores]]) -> list[str]:
     """AP around the vehicle, its front to the top, with 95 % bands; needs three azimuths."""
     parts = sections["azimuth"]
@@ -73,7 +71,7 @@ def plot_azimuths(out: Path, sections: Mapping[str, Sequence[SectionScores]]) ->
         axes.fill_between(angles, low, high, color=line.get_color(), alpha=0.12, lw=0)
     axes.set_ylim(0, 1)
     figure.legend(loc="outside lower center", ncols=3)
-    return [_save(figure, out, "azimuths.png")]
+    return [figures.save(figure, out / "azimuths.png")]
 
 
 def contact_sheet(
@@ -104,10 +102,3 @@ def _band(parts: Sequence[SectionScores], row: str) -> np.ndarray:
     """Value, low and high of one row in each section; NaN where undefined."""
     numbers = [part.AP_voc[row] for part in parts]
     return np.array([astuple(number) for number in numbers], float).T
-
-
-def _save(figure: Any, out: Path, name: str) -> str:
-    with replacing(out / name) as temporary:
-        figure.savefig(temporary, dpi=120)
-    plt.close(figure)
-    return name

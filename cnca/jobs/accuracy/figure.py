@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from jaxtyping import Float
-
-matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
 
-from cnca.core.files import replacing
 from cnca.jobs.accuracy.records import AccuracyReport, MeasuredRung
+from cnca.report import figures
 
 SHOWN = 5
 """Rungs of the front whose pictures are shown."""
@@ -56,15 +53,14 @@ def shown_rungs(report: AccuracyReport) -> list[MeasuredRung]:
     return [front[place] for place in sorted(places)]
 
 
+@figures.style()
 def draw_figure(path: Path, report: AccuracyReport, stills: Sequence[Still]) -> None:
     """Error over time at the left; stills and the maps of their errors at the right."""
     figure = plt.figure(figsize=(13, 6.4), layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.35))
     _draw_front(figure.add_subfigure(grid[0]).subplots(), report)
     _draw_stills(figure.add_subfigure(grid[1]), stills)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110)
-    plt.close(figure)
+    figures.save(figure, path)
 
 
 def _draw_front(axes: Axes, report: AccuracyReport) -> None:
@@ -79,15 +75,15 @@ def _draw_front(axes: Axes, report: AccuracyReport) -> None:
     )
     front = sorted((r for r in rungs if r.name in report.front), key=seconds_of)
     x, y = [seconds_of(r) for r in front], [r.error for r in front]
-    axes.step(x, y, where="post", color="tab:blue", label="none is faster and better")
+    axes.step(x, y, where="post", color="C0", label="none is faster and better")
     asked = [rung for rung in rungs if rung.target is not None]
     if asked:
         x, y = [seconds_of(r) for r in asked], [r.error for r in asked]
-        axes.scatter(x, y, marker="*", s=110, color="tab:red", zorder=3, label="asked for by error")
+        axes.scatter(x, y, marker="*", s=110, color="C1", zorder=3, label="asked for by error")
     axes.set(xscale="log", yscale="log")
     for number, rung in enumerate(shown_rungs(report), 1):
         place = seconds_of(rung), rung.error
-        box = {"boxstyle": "circle,pad=0.2", "fc": "white", "ec": "tab:blue", "lw": 0.8}
+        box = {"boxstyle": "circle,pad=0.2", "fc": "white", "ec": "C0", "lw": 0.8}
         axes.annotate(f"{number}", place, (7, 9), textcoords="offset points", fontsize=7, bbox=box)
     _label(axes, asked)
     axes.set(xlabel="processor seconds of one view", ylabel="error of the vehicle's pixels")
@@ -113,7 +109,7 @@ def _label(axes: Axes, asked: Sequence[MeasuredRung]) -> None:
             (right * 1.6, height),
             fontsize=7,
             va="center",
-            arrowprops={"arrowstyle": "-", "color": "tab:red", "lw": 0.6},
+            arrowprops={"arrowstyle": "-", "color": "C1", "lw": 0.6},
         )
 
 

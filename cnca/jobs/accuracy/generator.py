@@ -7,13 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import torch
+from matplotlib import pyplot as plt
 from rich.console import Console
 from torch import Tensor
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 
 from cnca import build
 from cnca.core.files import replacing
@@ -23,6 +20,7 @@ from cnca.core.records import as_json
 from cnca.core.run_folder import RunFolder
 from cnca.gen.feature import initial
 from cnca.jobs.accuracy.request import GradientRequest
+from cnca.report import figures
 from cnca.scene.controls import random_blocks
 from cnca.scene.protocols import TextureGenerator
 
@@ -158,6 +156,7 @@ def _mean(values: Sequence[Tensor]) -> float:
     return torch.stack(list(values)).mean().item()
 
 
+@figures.style()
 def _write_picture(path: Path, report: GeneratorReport) -> None:
     rows = report.prices
     seconds = [row.seconds for row in rows]
@@ -168,8 +167,5 @@ def _write_picture(path: Path, report: GeneratorReport) -> None:
         where = row.seconds, row.cosine
         axes.annotate(f"K = {row.steps}", where, (4, -12), textcoords="offset points")
     axes.set(xlabel="seconds per texture and gradient", ylim=(None, 1.05))
-    axes.set_title(f"Gradient through the last K of {STEPS} steps, “{report.prompt}”")
     axes.legend()
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=120)
-    plt.close(figure)
+    figures.save(figure, path)
