@@ -20,6 +20,7 @@ EXAMPLES = {
         "view builtin:street_day --detector builtin",
         'view builtin:sedan_fog --prompt "zebra strips" --target-error 0.1',
     ],
+    "watch": ["watch out/sedan", "watch out/sedan out/sedan_1"],
     "turntable": [
         "turntable out/sedan",
         "turntable out/sedan --scene builtin:street_fog --frames 36 --out turn.gif",

@@ -56,6 +56,32 @@ def turntable(given: Given[TurntableRequest]) -> None:
     show.ending({"turntable": path}, ["report", request.run])
 
 
+@app.command(rich_help_panel=ATTACK)
+def watch(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of runs, going on or ended.", rich_help_panel=WHAT),
+    ],
+    port: Annotated[
+        int, typer.Option(help="Of the page; 0 takes any that is free.", rich_help_panel=OUTPUT)
+    ] = 8200,
+) -> None:
+    """Show runs in the browser while they go on: curves, scores, pictures; until Ctrl-C."""
+    import time
+
+    from cnca.cli import show
+    from cnca.jobs.view.serve import serving
+    from cnca.jobs.view.watch import WatchPage
+
+    with serving(WatchPage(runs), port) as address:
+        show.line(f"{address} – open it in a browser; Ctrl-C ends it")
+        try:
+            while True:
+                time.sleep(3600)
+        except KeyboardInterrupt:
+            show.ending({}, ["report", runs[0]])
+
+
 @survey.command("build")
 def build_survey(
     images: Annotated[
