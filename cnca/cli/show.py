@@ -124,6 +124,7 @@ def attack(request: Request, summary: Summary) -> None:
             "before and after": out / "before_after.png",
         },
         ["evaluate", "--scene", scene, "--texture", out, "--out", f"{out}_evidence"],
+        ["turntable", out],
         ["print-sheets", out, "--out", f"{out}.pdf"],
     )
 
@@ -210,7 +211,8 @@ def renders(request: RenderRequest, records: Sequence[RenderRecord], *, explain:
             )
         line(f"{request.out.parent / record.picture}: {took}")
     if not explain:
-        ending({}, ["render-scene", request.scene, "-o", request.out, "--explain"])
+        again: list[object] = ["render-scene", request.scene, "-o", request.out, "--explain"]
+        ending({}, again, ["view", request.scene])
 
 
 def price_list(out: Path, report: AccuracyReport) -> None:

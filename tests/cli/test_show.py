@@ -51,9 +51,10 @@ def test_an_attack_ends_with_the_picture_and_what_is_next(capsys):
     assert "…" not in table
     assert table.count("0.125") == len(MEANING)
     assert f"before and after: {out}/before_after.png" in after  # whole: it can be copied
-    first, second = _parse(said)
+    first, second, _ = _parse(said)
     assert shlex.split(first)[1:4] == ["evaluate", "--scene", "my scene.yaml"]
-    assert [line.partition(":")[0] for line in after[-2:]] == ["next", "or"]
+    assert shlex.split(second)[1] == "turntable"
+    assert [line.partition(":")[0] for line in after[-3:]] == ["next", "or", "or"]
 
 
 def test_words_longer_than_a_column_are_whole(capsys):

@@ -5,7 +5,6 @@
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -39,8 +38,8 @@ def viewing(*arguments, folder):
         line = process.stdout.readline()
         yield re.search(r"http://127\.0\.0\.1:\d+/", line)[0]
     finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(30)
+        process.terminate()  # shells let what they put into the background ignore Ctrl-C
+        process.wait(60)
 
 
 def until(page, condition, what=""):
