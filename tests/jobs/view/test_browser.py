@@ -57,10 +57,9 @@ def number(page):
     return int(page.evaluate("document.body.dataset.number"))
 
 
-def until_next(page, count=2):
-    """Wait for pictures that were begun after now."""
-    now = number(page)
-    until(page, lambda shown: shown["number"] >= now + count, "another picture")
+def until_after(page, last):
+    """Wait for a picture after that of number ``last``, which was shown at rest."""
+    until(page, lambda shown: shown["number"] > last, "another picture")
 
 
 def picture(page):
@@ -85,17 +84,19 @@ def test_a_scene_is_turned_changed_and_saved(open_page, tmp_path):
         assert page.locator("#plan tr").count() > 8
         assert complaints(page) == []
 
-        before, frame = picture(page), page.locator("#frame").bounding_box()
+        before, last = picture(page), number(page)
+        frame = page.locator("#frame").bounding_box()
         page.mouse.move(frame["x"] + 50, frame["y"] + 50)
         page.mouse.down()
         page.mouse.move(frame["x"] + 250, frame["y"] + 50, steps=5)
-        until_next(page)
+        until_after(page, last)
         assert picture(page) != before
         page.mouse.up()
         until(page, lambda shown: shown["samples"] == 4, "the picture at rest")
 
+        last = number(page)
         slide(page, "sun altitude", 15)
-        until_next(page)
+        until_after(page, last)
         page.get_by_label("detector").fill("no such detector")
         page.get_by_label("detector").press("Enter")
         page.get_by_text("detector 'no such detector': unknown").wait_for()
@@ -125,9 +126,10 @@ def test_the_street_with_a_prompt_for_the_docs(open_page, tmp_path):
         assert page.locator("#boxes div").count() >= 1
         shots = os.environ.get("CNCA_SCREENSHOTS")
         page.screenshot(path=Path(shots or tmp_path) / "view.jpg", quality=85)
+        last = number(page)
         slide(page, "target error", 30)
         slide(page, "visibility", 45)
         slide(page, "time of day", 16.5)
-        until_next(page, 4)
+        until_after(page, last)
         until(page, lambda shown: shown["samples"] >= 24, "the picture in fog")
         page.screenshot(path=Path(shots or tmp_path) / "view_fog.jpg", quality=85)
