@@ -18,7 +18,6 @@ from cnca.jobs.transfer_request import Judging
 from cnca.jobs.view.turntable_request import TurntableRequest
 
 DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "zebra strips"
-"""The easiest of those that ship: the others take hours, or are hardly moved."""
 
 Tau = Annotated[
     str | None,
