@@ -43,7 +43,9 @@ class Cameras:
         ((self.width, self.height),) = sizes
         self.count = len(views)
         frames = np.array([_camera_frame(view) for view in views], dtype=np.float32)
-        self.frames = mi.Float(frames.ravel())  # (views, 4 vectors, 3 axes)
+        # (views, 4 vectors, 3 axes).  A list, for Dr.Jit's own memory: kernels that are recorded
+        # (live.py) fit arrays as they were aligned, and those of numpy lie where they come to lie.
+        self.frames = mi.Float(frames.ravel().tolist())
         self.names = [view.name for view in views]
         self._chosen = pixels
         self._pixels = None if pixels is None else mi.UInt32(pixels.astype(np.uint32))
