@@ -26,7 +26,7 @@ from cnca.judge.stage import scene_key
 from cnca.report.blocks import Turntable
 from cnca.report.comparison import TITLES
 from cnca.report.webpage import jpeg_uri
-from cnca.scene.cameras import View, orbit_view
+from cnca.scene.cameras import View, circle
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import Scene
 from cnca.vehicle.model import Vehicle
@@ -117,15 +117,12 @@ def around(vehicle: Vehicle, frames: int) -> list[View]:
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     radius = float(np.linalg.norm(corners - middle, axis=1).max())
     distance = radius / math.sin(math.radians(FIELD_OF_VIEW / 2))
-    return [
-        orbit_view(
-            360 * frame / frames,
-            ELEVATION,
-            distance,
-            fov=FIELD_OF_VIEW,
-            width=WIDTH,
-            height=HEIGHT,
-            target=tuple(middle.tolist()),
-        )
-        for frame in range(frames)
-    ]
+    return circle(
+        frames,
+        ELEVATION,
+        distance,
+        fov=FIELD_OF_VIEW,
+        width=WIDTH,
+        height=HEIGHT,
+        target=tuple(middle.tolist()),
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,28 @@ QUALITY = 90
 """Of JPEG, with full resolution of colours."""
 
 
-def render(folder: Path, /, *, connect: str = "'none'", **content: Any) -> str:
+SHELL = Path(__file__).parent / "shell"
+"""Folder of ``shell.html``, which every page extends."""
+
+
+def render(
+    folder: Path,
+    /,
+    *,
+    connect: str = "'none'",
+    programs: Sequence[Path] = (),
+    **content: Any,
+) -> str:
     """Fill ``page.html`` of ``folder`` with ``content``, ``page.css`` and ``page.js``.
 
-    Whatever is not :class:`Markup` is escaped.  The policy lets this very program run, no other,
-    and connect to nothing but ``connect``.
+    ``programs`` are further ones, which that one uses.  Whatever is not :class:`Markup` is
+    escaped.  The policy lets these very programs run, no others, and connect to nothing but
+    ``connect``.
     """
-    loader = FileSystemLoader(folder)
+    loader = FileSystemLoader([folder, SHELL])
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    script = (folder / "page.js").read_text(encoding="utf-8")
+    files = *programs, folder / "page.js"
+    script = "\n".join(file.read_text(encoding="utf-8") for file in files)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return pages.get_template("page.html").render(
         content,

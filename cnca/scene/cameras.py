@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 Vector = tuple[float, float, float]
 
@@ -63,6 +64,14 @@ def orbit_view(
     label = name or f"azimuth{azimuth:g}_elevation{elevation:g}_distance{distance:g}"
     spot = spot or Spot()
     return View(label, origin, target, up, fov, width, height, spot)  # type: ignore[arg-type]
+
+
+def circle(
+    frames: int, elevation: float, distance: float, *, start: float = 0.0, **camera: Any
+) -> list[View]:
+    """So many views, evenly around, from azimuth ``start`` on; ``camera`` as for one of them."""
+    azimuths = ((start + 360 * frame / frames) % 360 for frame in range(frames))
+    return [orbit_view(azimuth, elevation, distance, **camera) for azimuth in azimuths]
 
 
 def orbit_of(view: View, target: Vector = (0.0, 0.0, 0.7)) -> tuple[float, float, float]:

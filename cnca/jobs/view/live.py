@@ -10,10 +10,12 @@ from typing import Any
 
 from cnca.core.errors import CncaError
 from cnca.core.records import as_json
+from cnca.detect import BUILTINS
 from cnca.jobs.view.controls import CLEAREST, Controls, changed, controls_of
 from cnca.jobs.view.desk import Desk
 from cnca.jobs.view.keep import save_picture, save_scene
 from cnca.jobs.view.request import ViewRequest
+from cnca.jobs.view.serve import FOLLOW
 from cnca.jobs.view.stage import Frame, Stage
 from cnca.report.webpage import jpeg_uri, render
 from cnca.scene.schema import Scene
@@ -62,8 +64,14 @@ class LivePage:
             "wettable": not self.scene.sky.map or bool(world),
         }
         title = self.request.scene.stem.removeprefix("builtin:")
-        folder = Path(__file__).parent
-        return render(folder, connect="'self'", title=title, content=content)
+        return render(
+            FOLLOW.parent,
+            connect="'self'",
+            programs=[FOLLOW],
+            title=title,
+            content=content,
+            detectors=BUILTINS,
+        )
 
     def newer(self, than: int, timeout: float) -> Mapping[str, Any] | None:
         """The newest frame with all that stands beside it."""

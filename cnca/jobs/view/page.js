@@ -220,19 +220,4 @@ function show(news) {
   document.body.dataset.samples = news.samples;
 }
 
-async function follow() {
-  let number = 0;
-  for (;;) {
-    try {
-      const news = await (await fetch(`/frame?after=${number}`)).json();
-      if (news.number) {
-        number = news.number;
-        show(news);
-      }
-    } catch {
-      find("note").textContent = "cnca view has ended; start it again and this page goes on";
-      await new Promise((later) => setTimeout(later, 1000));
-    }
-  }
-}
-follow();
+follow("view", show);

@@ -29,7 +29,7 @@ from cnca.judge.candidates import Candidate, read_candidate
 from cnca.judge.gallery import digest, kept_pictures
 from cnca.judge.stage import scene_key
 from cnca.mi_bridge.live import LiveCamera
-from cnca.scene.cameras import View, orbit_view
+from cnca.scene.cameras import View, circle
 from cnca.scene.load_scene import load_scene
 from cnca.scene.protocols import Detector
 from cnca.scene.schema import CarlaCamera, Scene
@@ -79,17 +79,7 @@ def views_around(scene: Scene, frames: int, width: int) -> list[View]:
     if not isinstance(first, CarlaCamera):
         start, elevation = first.azimuth, first.elevation
         distance, fov = first.distance, first.fov
-    return [
-        orbit_view(
-            (start + 360 * k / frames) % 360,
-            elevation,
-            distance,
-            fov=fov,
-            width=width,
-            height=height,
-        )
-        for k in range(frames)
-    ]
+    return circle(frames, elevation, distance, start=start, fov=fov, width=width, height=height)
 
 
 def _photographed(
@@ -151,15 +141,7 @@ def write_animation(path: Path, frames: Sequence[SrgbPicture]) -> None:
     """Write ``.gif`` or ``.webp`` that turns for ever, whole or not at all."""
     first, *others = [Image.fromarray(frame) for frame in frames]
     pause = round(1000 * SECONDS / len(frames))
-    with replacing(path) as temporary:
-        if path.suffix.lower() == ".gif":
-            first.save(temporary, save_all=True, append_images=others, duration=pause, loop=0)
-        else:
-            first.save(
-                temporary,
-                save_all=True,
-                append_images=others,
-                duration=pause,
-                loop=0,
-                quality=QUALITY,
-            )
+    with replacing(path) as temporary:  # GIF disregards the quality
+        first.save(
+            temporary, save_all=True, append_images=others, duration=pause, loop=0, quality=QUALITY
+        )

@@ -17,6 +17,7 @@ from cnca.attack.records import StepRecord
 from cnca.core.errors import RunError
 from cnca.core.manifest import Manifest
 from cnca.core.records import as_json, from_json, read_record
+from cnca.jobs.view.serve import FOLLOW
 from cnca.judge.summary import Summary
 from cnca.report import MEANING
 from cnca.report.webpage import jpeg_uri, render
@@ -81,7 +82,8 @@ class WatchPage:
     def html(self) -> str:
         """The page."""
         title = ", ".join(folder.name for folder in self.folders)
-        return render(Path(__file__).parent / "watching", connect="'self'", title=title)
+        folder = Path(__file__).parent / "watching"
+        return render(folder, connect="'self'", programs=[FOLLOW], title=title)
 
     def newer(self, than: int, timeout: float) -> Mapping[str, Any] | None:
         """All runs, as soon as one of them has changed."""
@@ -156,7 +158,7 @@ def curves_of(records: Sequence[StepRecord]) -> list[Curve]:
 
 
 def _thinned(name: str, steps: Sequence[int], values: Sequence[float]) -> Curve:
-    """Every so manieth point, and the last."""
+    """At most about :data:`POINTS` points, evenly chosen, and the last."""
     stride = -(-len(steps) // POINTS) or 1
     chosen = sorted({*range(0, len(steps), stride), *([len(steps) - 1] if steps else [])})
     return Curve(name, [steps[k] for k in chosen], [round(values[k], 5) for k in chosen])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 
 from cnca.train.detector.cover import cover
 
@@ -25,12 +25,21 @@ GREY = (128, 128, 128)
 
 
 def augment(
-    picture: Picture, boxes: BoxArray, size: tuple[int, int], rng: np.random.Generator
+    picture: Picture,
+    boxes: BoxArray,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+    *,
+    loud_patches: bool = False,
 ) -> tuple[Picture, BoxArray, np.ndarray]:
-    """Return a picture of ``size`` (height, width), its boxes and which of ``boxes`` they are."""
+    """Return a picture of ``size`` (height, width), its boxes and which of ``boxes`` they are.
+
+    ``loud_patches`` are those of :func:`cnca.train.detector.cover.cover`.
+    """
     picture, boxes, kept = _move(picture, boxes, size, rng)
-    picture, seen = cover(picture, boxes, rng)
-    boxes, kept = boxes[seen], _still(kept, seen)
+    if loud_patches:
+        picture, seen = cover(picture, boxes, rng)
+        boxes, kept[kept] = boxes[seen], seen
     picture = _recolor(picture, rng)
     if rng.random() < BLUR_CHANCE:
         picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.5))
@@ -41,13 +50,6 @@ def augment(
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(*JPEG_QUALITY))]
         picture = cv2.imdecode(cv2.imencode(".jpg", picture, quality)[1], cv2.IMREAD_COLOR)
     return picture, boxes, kept
-
-
-def _still(kept: Bool[np.ndarray, " _"], seen: Bool[np.ndarray, " _"]) -> Bool[np.ndarray, " _"]:
-    """Which objects are kept, when of those that were only the ``seen`` ones are."""
-    kept = kept.copy()
-    kept[kept] = seen
-    return kept
 
 
 def _move(

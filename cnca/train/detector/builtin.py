@@ -34,7 +34,13 @@ def train_builtin(request: DetectorRequest, *, resume: bool) -> DetectorReport:
     if request.held_out and request.frames is None:
         raise DetectorError("--held-out: names frames; give --frames, too")
     out, template = request.out / request.kind, TRAINED[request.kind]
-    settings = Settings(request.epochs, request.batch, request.seed, fine_tune=request.fine_tune)
+    settings = Settings(
+        request.epochs,
+        request.batch,
+        request.seed,
+        fine_tune=request.fine_tune,
+        loud_patches=True,
+    )
     TrainingLoop(out, request.seed, resume)  # refuses before anything is rendered
     of_folder = template / "config.json", template / "model.safetensors"
     of_file = template, template.with_suffix(".safetensors")

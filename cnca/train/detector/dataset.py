@@ -98,8 +98,15 @@ def _check_boxes(
 class TrainingPictures(Dataset[Any]):
     """Augmented pictures of the training half; the same seed and epoch give the same pictures."""
 
-    def __init__(self, data: LabelledPictures, size: tuple[int, int], seed: int) -> None:
-        self.data, self.size, self.seed = data, size, seed
+    def __init__(
+        self,
+        data: LabelledPictures,
+        size: tuple[int, int],
+        seed: int,
+        *,
+        loud_patches: bool = False,
+    ) -> None:
+        self.data, self.size, self.seed, self.loud_patches = data, size, seed, loud_patches
         self.indices = data.of_split(TRAIN)
         self.epoch = 0
 
@@ -112,7 +119,11 @@ class TrainingPictures(Dataset[Any]):
         rng = np.random.default_rng((self.seed, self.epoch, index))
         labels = self.data.boxes[index]
         picture, boxes, kept = augment(
-            np.asarray(self.data.pictures[index]), labels[:, :4], self.size, rng
+            np.asarray(self.data.pictures[index]),
+            labels[:, :4],
+            self.size,
+            rng,
+            loud_patches=self.loud_patches,
         )
         return picture, np.concatenate([boxes, labels[kept, 4:]], axis=1)
 

@@ -43,6 +43,8 @@ class Settings:
     """Convolve in bfloat16: several times faster on processors with AMX, slower on others."""
     fine_tune: bool = False
     """Begin with the template's own weights and anchors, and take smaller steps."""
+    loud_patches: bool = False
+    """Lay patches of loud texture over the pictures (:mod:`cnca.train.detector.cover`)."""
 
     def __post_init__(self) -> None:
         if self.epochs < 1:
@@ -69,14 +71,20 @@ class DetectorTask(Task[tuple[Tensor, Targets]]):
         """Raises DetectorError where there is less than one batch of pictures."""
         self.detector, self.network = detector, detector.network
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._pictures = TrainingPictures(data, detector.size, settings.seed)
+        self._pictures = TrainingPictures(
+            data, detector.size, settings.seed, loud_patches=settings.loud_patches
+        )
         if len(self._pictures) < settings.batch:
             raise DetectorError(
                 f"{data.folders[0]}: {len(self._pictures)} pictures to train on, too few"
             )
         self._epoch = len(self._pictures) // settings.batch
         self._batch, self._seed, self._bfloat16 = settings.batch, settings.seed, settings.bfloat16
-        self.settings = {"batch": settings.batch, "bfloat16": settings.bfloat16}
+        self.settings = {
+            "batch": settings.batch,
+            "bfloat16": settings.bfloat16,
+            "loud_patches": settings.loud_patches,
+        }
         steps = settings.epochs * self._epoch
         self.recipe = Recipe(
             steps,

@@ -13,7 +13,7 @@ import pytest
 from cnca.core.errors import RunError
 from cnca.core.records import as_json
 from cnca.jobs.survey.answers import KEY, Survey, read_sheets
-from cnca.jobs.survey.serve import MOST_BYTES, SurveyServer
+from cnca.jobs.survey.serve import Handler, SurveyServer
 from tests.jobs.survey.server import serving
 
 PARTICIPANTS, PICTURES = 50, 12
@@ -126,7 +126,7 @@ JSON = {"Content-Type": "application/json"}
         (400, {"body": b"{}", **JSON}),
         (403, {"body": b"{}", "Origin": "http://elsewhere.example", **JSON}),
         (411, {"Content-Length": "-1", **JSON}),
-        (413, {"Content-Length": str(MOST_BYTES + 1), **JSON}),
+        (413, {"Content-Length": str(Handler.most_bytes + 1), **JSON}),
         (413, {"Content-Length": "9" * 5000, **JSON}),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 
 from cnca.core.errors import RunError
 from cnca.jobs.view.desk import Desk
-from cnca.jobs.view.serve import HOST, PageServer, serving
+from cnca.jobs.view.serve import HOST, LocalServer, serving
 
 
 class OnePage:
@@ -79,10 +79,10 @@ def test_forms_of_other_sites_are_refused(ask):
 
 
 def test_only_this_machine_is_listened_to():
-    with PageServer(OnePage(), 0) as server:
+    with LocalServer(OnePage(), 0) as server:
         assert server.server_address[0] == HOST == "127.0.0.1"
         with pytest.raises(RunError, match="choose another --port"):
-            PageServer(OnePage(), server.server_port)
+            LocalServer(OnePage(), server.server_port)
 
 
 def test_the_desk_hands_out_the_newest():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cnca.train.detector import cover as covering
+from cnca.train.detector.augment import augment
 from cnca.train.detector.cover import LEAST_SEEN, cover, loud_textures
 
 BOXES = np.array([[10.0, 10.0, 60.0, 40.0], [70.0, 50.0, 95.0, 75.0]])
@@ -54,3 +55,18 @@ def test_same_seed_same_picture():
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
     assert loud_textures()[0].dtype == np.uint8
+
+
+def test_augmenting_drops_what_is_covered_and_says_which():
+    picture = np.full((80, 100, 3), 137, np.uint8)
+    dropped = 0
+    for seed in range(20):
+        rngs = [np.random.default_rng(seed) for _ in range(2)]
+        _, boxes, kept = augment(picture, BOXES, (80, 100), rngs[0])
+        _, free, seen = augment(picture, BOXES, (80, 100), rngs[1], loud_patches=True)
+        assert len(boxes) == kept.sum()
+        assert len(free) == seen.sum()
+        assert not (seen & ~kept).any()
+        np.testing.assert_array_equal(free, boxes[seen[kept]])
+        dropped += int((kept & ~seen).sum())
+    assert dropped > 3

@@ -80,21 +80,8 @@ function article(run) {
   return make("article", "", parts);
 }
 
-async function follow() {
-  let number = 0;
-  for (;;) {
-    try {
-      const news = await (await fetch(`/frame?after=${number}`)).json();
-      if (news.number) {
-        number = news.number;
-        find("note").textContent = "";
-        find("runs").replaceChildren(...news.runs.map(article));
-        document.body.dataset.number = number;
-      }
-    } catch {
-      find("note").textContent = "cnca watch has ended; start it again and this page goes on";
-      await new Promise((later) => setTimeout(later, 1000));
-    }
-  }
-}
-follow();
+follow("watch", (news) => {
+  find("note").textContent = "";
+  find("runs").replaceChildren(...news.runs.map(article));
+  document.body.dataset.number = news.number;
+});
