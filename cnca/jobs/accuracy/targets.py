@@ -34,8 +34,6 @@ AIM = 0.9
 """Share of the target that the measured error aims at: what is measured is not quite what is."""
 SECONDS_RAYS = 8
 """Of a pixel in one step of one stream, where seconds are given."""
-
-
 CAUTION = 0.6
 """Share of the seconds left that a round may take by the last one's pace."""
 
