@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -27,7 +28,7 @@ class Desk(Generic[State, Shown]):
         self._lock = threading.Condition()
         self._state, self._version = state, 0
         self._published: Published[Shown] | None = None
-        self._work: list[tuple[Callable[[], Any], dict[str, Any], threading.Event]] = []
+        self._work: list[tuple[Callable[[], Any], Future[Any]]] = []
 
     def ask(self, change: Callable[[State, Mapping[str, Any]], State], update: Any) -> State:
         """Change the state; whatever ``change`` raises leaves it as it was."""
@@ -68,25 +69,18 @@ class Desk(Generic[State, Shown]):
 
         Raises TimeoutError if it does not come to it.
         """
-        result: dict[str, Any] = {}
-        done = threading.Event()
+        answer: Future[Answer] = Future()
         with self._lock:
-            self._work.append((job, result, done))
+            self._work.append((job, answer))
             self._lock.notify_all()
-        if not done.wait(timeout):
-            raise TimeoutError("busy")
-        if "error" in result:
-            raise result["error"]
-        answer: Answer = result["answer"]
-        return answer
+        return answer.result(timeout)
 
     def work(self) -> None:
         """Do what :meth:`do` asks for; the rendering thread calls it between its steps."""
         with self._lock:
             waiting, self._work = self._work, []
-        for job, result, done in waiting:
+        for job, answer in waiting:
             try:
-                result["answer"] = job()
+                answer.set_result(job())
             except Exception as error:
-                result["error"] = error
-            done.set()
+                answer.set_exception(error)

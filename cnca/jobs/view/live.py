@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from cnca.core.errors import CncaError
-from cnca.core.records import as_json
+from cnca.core.records import Omitted, as_json
 from cnca.detect import BUILTINS
 from cnca.jobs.view.controls import CLEAREST, Controls, changed, controls_of
+from cnca.jobs.view.costs import EffectCost, TargetCost
 from cnca.jobs.view.desk import Desk
 from cnca.jobs.view.keep import save_picture, save_scene
 from cnca.jobs.view.request import ViewRequest
 from cnca.jobs.view.serve import FOLLOW
-from cnca.jobs.view.stage import Frame, Stage
+from cnca.jobs.view.stage import Box, Frame, Stage
 from cnca.report.webpage import jpeg_uri, render
 from cnca.scene.schema import Scene
 
@@ -32,6 +33,23 @@ class Shown:
     frame: Frame | None
     note: str = ""
     """What is being made, or what went wrong, in words."""
+
+
+@dataclass(frozen=True)
+class News:
+    """What the page is told: all that it shows, and, once there is a picture, what it is of."""
+
+    number: int
+    controls: Controls
+    note: str
+    picture: Omitted[str] = None
+    """Its address."""
+    samples: Omitted[int] = None
+    planned: Omitted[int] = None
+    milliseconds: Omitted[float] = None
+    boxes: Omitted[list[Box]] = None
+    plan: Omitted[list[EffectCost]] = None
+    targets: Omitted[list[TargetCost]] = None
 
 
 class LivePage:
@@ -79,22 +97,19 @@ class LivePage:
         if published is None:
             return None
         shown, frame = published.shown, published.shown.frame
-        content: dict[str, Any] = {
-            "number": published.number,
-            "controls": asdict(shown.controls),
-            "note": shown.note,
-        }
+        news = News(published.number, shown.controls, shown.note)
         if frame is not None:
-            content |= {
-                "picture": jpeg_uri(frame.picture),
-                "samples": frame.samples,
-                "planned": frame.planned,
-                "milliseconds": frame.milliseconds,
-                "boxes": [as_json(box) for box in frame.boxes],
-                "plan": [as_json(row) for row in frame.plan],
-                "targets": [as_json(target) for target in frame.targets],
-            }
-        return content
+            news = replace(
+                news,
+                picture=jpeg_uri(frame.picture),
+                samples=frame.samples,
+                planned=frame.planned,
+                milliseconds=frame.milliseconds,
+                boxes=frame.boxes,
+                plan=frame.plan,
+                targets=frame.targets,
+            )
+        return as_json(news)
 
     def post(self, path: str, content: Mapping[str, Any]) -> Mapping[str, Any] | None:
         """``/controls`` moves some of them; ``/save`` writes the scene or the picture."""
