@@ -36,6 +36,8 @@ from cnca.scene.schema import Scene
 from cnca.scene.weather import Fog
 
 SIZE = 320
+REPEATS = 8
+"""Pictures by volpath, whose means differ by 4 % at 64 rays."""
 STREET = "builtin:street_day"
 
 
@@ -164,9 +166,12 @@ def fog_bias(scene: Scene, samples: int) -> float:
     kept, albedo = loop(scene)
     renderer = traced(scene, interreflection=8)
     covered = renderer.vehicle_mask([small])[0] == 1
-    ours = kept.traced(small, weather)[0].numpy()
-    theirs = exposed_volpath(renderer, albedo, small, weather, samples=samples, seed=2)[0].numpy()
-    return float(ours[:, covered].mean() / theirs[:, covered].mean() - 1)
+    ours = kept.traced(small, weather)[0].numpy()[:, covered].mean()
+    theirs = [
+        exposed_volpath(renderer, albedo, small, weather, samples=samples, seed=seed)
+        for seed in range(REPEATS)
+    ]
+    return float(ours / np.mean([picture[0].numpy()[:, covered] for picture in theirs]) - 1)
 
 
 if __name__ == "__main__":

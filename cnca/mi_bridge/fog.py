@@ -34,6 +34,17 @@ ROWS, COLUMNS, LEVELS = 24, 32, 24
 
 
 @dataclass(frozen=True)
+class FogPlaces:
+    """How a world's fog differs from place to place, relative to that at its origin."""
+
+    reach: float
+    """Metres from the origin to the outermost nodes, along x and y."""
+    factors: Float[np.ndarray, "levels rows columns 4"]
+    """a₀ and a at nodes along y (rows) and x: light from direction ω is max(a₀ + a · ω, 0) times
+    that at the origin."""
+
+
+@dataclass(frozen=True)
 class FogField:
     """The layer's light on a grid of heights and latitude–longitude directions of travel.
 
@@ -53,6 +64,8 @@ class FogField:
     """Irradiance of the direct sun that is left at each height."""
     airlight: Float[np.ndarray, "3"] | None = None
     """The one J of the model ``airlight``, in which the sun has its part."""
+    places: FogPlaces | None = None
+    """In a world; over open ground all places are alike."""
 
 
 def level_heights(

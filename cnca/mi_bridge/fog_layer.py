@@ -50,6 +50,11 @@ class FogLayer:
         if forward is not None:
             table = np.concatenate([field.source, field.radiance], axis=-1)
         self._table = mi.Texture3f(wrap_columns(table), wrap_mode=dr.WrapMode.Clamp)
+        self._places = None
+        if field.places is not None:
+            factors = mi.TensorXf(field.places.factors)
+            self._places = mi.Texture3f(factors, wrap_mode=dr.WrapMode.Clamp)
+            self._reach = opaque_float(field.places.reach)
 
     def among(self, field: FogField) -> FogLayer:
         """The same fog in a world, where the light in it is ``field``."""
@@ -95,10 +100,10 @@ class FogLayer:
         opacity = 1 - dr.exp(-self.sigma_t * length)
         # Invert the cumulative share of opacity; log1p stays exact for thin fog.
         s = dr.minimum(-dr.log(1 - sample * opacity) / self.sigma_t, length)
-        z = dr.clip(ray.o.z + (start + s) * ray.d.z, 0, self.height)
-        lit = active & (opacity > 0)
-        share = 1.0 if sun_share is None else sun_share(ray(start + s), lit)
-        J, bare = self._source_function(z, ray.d, lit, share)
+        p, lit = ray(start + s), active & (opacity > 0)
+        p.z = dr.clip(p.z, 0, self.height)
+        share = 1.0 if sun_share is None else sun_share(p, lit)
+        J, bare = self._source_function(p, ray.d, lit, share)
         if self.forward is None:
             return 1 - opacity, dr.select(lit, opacity * J, 0)
         ahead = lit & self.forward.geometry.is_surrounded(si)
@@ -125,21 +130,32 @@ class FogLayer:
         return dr.minimum(start, distance), end
 
     def _source_function(
-        self, z: mi.Float, d: mi.Vector3f, active: mi.Bool, sun_share: mi.Color3f | float = 1.0
+        self, p: mi.Point3f, d: mi.Vector3f, active: mi.Bool, sun_share: mi.Color3f | float = 1.0
     ) -> tuple[mi.Color3f, mi.Color3f]:
-        """J and I at height ``z`` seen along ``d`` (I is 0 where no forward share asks for it)."""
+        """J and I at a point seen along ``d`` (I is 0 where no forward share asks for it)."""
         if self._airlight is not None:
             return mi.Color3f(self._airlight), mi.Color3f(0)
         uv = direction_uv(d, self._columns)
         # The inverse of fog.level_heights.
-        t = dr.atanh((2 * z / self.height - 1) * self.tanh_stretch) / self.stretch
+        t = dr.atanh((2 * p.z / self.height - 1) * self.tanh_stretch) / self.stretch
         level = (1 + t) / 2
         w = (level * (self._levels - 1) + 0.5) / self._levels
         values = self._table.eval(mi.Point3f(uv.x, uv.y, w), active)
+        if self._places is not None:
+            factor = self._at_place(p, w, d, active)
+            values = [value * factor for value in values]
         phase = self.phase(d, self.sky.sun_direction)
-        sun = self.albedo * phase * self.sun_transmittance(z) * sun_share
+        sun = self.albedo * phase * self.sun_transmittance(p.z) * sun_share
         J = mi.Color3f(*values[:3]) + sun * mi.Color3f(self.sky.sun_irradiance)
         return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
+
+    def _at_place(self, p: mi.Point3f, w: mi.Float, d: mi.Vector3f, active: mi.Bool) -> mi.Float:
+        """Light at a point relative to that at the origin on the same height."""
+        assert self._places is not None
+        nodes = self._places.shape[1]
+        u, v = (0.5 + (0.5 + 0.5 * x / self._reach) * (nodes - 1) for x in (p.x, p.y))
+        a0, *a = self._places.eval(mi.Point3f(u / nodes, v / nodes, w), active)
+        return dr.maximum(a0 + dr.dot(mi.Vector3f(*a), d), 0)
 
     def phase(self, d: mi.Vector3f, to_sun: mi.Vector3f) -> mi.Float:
         """Phase function in 1/sr of the sun's light that an eye sees which looks along ``d``."""

@@ -117,7 +117,7 @@ def test_the_mean_airlight_is_the_integral_of_the_source_function():
     share = mi.Float((np.arange(4096) + 0.5) / 4096)
     _, airlight = layer.segment(ray, surface_at(25.0), share, mi.Bool(True))
     s = 25.0 * share
-    source, _ = layer._source_function(1 + s * d.z, d, mi.Bool(True))
+    source, _ = layer._source_function(ray(s), d, mi.Bool(True))
     integrand = layer.sigma_t * dr.exp(-layer.sigma_t * s) * source
     expected = 25.0 * np.array(integrand).mean(axis=1)
     np.testing.assert_allclose(np.array(airlight).mean(axis=1), expected, rtol=1e-3)
@@ -155,6 +155,6 @@ def test_sunlight_is_scattered_by_the_phase_function(asymmetry):
     layer = surroundings(light, fog).fog
     angles = np.radians([0.0, 0.003, 0.3, 90.0, 179.997, 180.0])
     d = mi.Vector3f(np.float32(np.sin(angles)), mi.Float(0), np.float32(np.cos(angles)))
-    J, _ = layer._source_function(mi.Float(HEIGHT), d, mi.Bool(True))
+    J, _ = layer._source_function(mi.Point3f(0, 0, HEIGHT), d, mi.Bool(True))
     expected = fog.albedo * henyey_greenstein(np.cos(angles), asymmetry)
     np.testing.assert_allclose(np.array(J)[0] / light.sun_irradiance[0], expected, rtol=2e-3)
