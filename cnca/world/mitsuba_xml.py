@@ -64,7 +64,7 @@ def read_mitsuba_xml(path: Path) -> MitsubaXml:
     files: list[Path] = []
     root = _included(path, (), files)
     values = {d.get("name", ""): d.get("value", "") for d in root.iter("default")}
-    _fill_in(root, values)
+    _fill_in(root, values, path)
     ignored = []
     for thing in list(root):
         kind = thing.get("type", "")
@@ -118,12 +118,17 @@ def _find_files(root: ET.Element, path: Path, files: list[Path]) -> None:
         files.append(file)
 
 
-def _fill_in(root: ET.Element, values: dict[str, str]) -> None:
-    """Put the defaults in place of ``$name``; longer names first, as Mitsuba does."""
+def _fill_in(root: ET.Element, values: dict[str, str], path: Path) -> None:
+    """Put the defaults in place of ``$name``; longer names first, as Mitsuba does.
+
+    Raises MeshError for a name without a default.
+    """
     for element in root.iter():
         for key, text in element.attrib.items():
             for name in sorted(values, key=len, reverse=True):
                 text = text.replace(f"${name}", values[name])
+            if "$" in text and not Path(text).is_file():
+                raise MeshError(f"{path}: {text} has no value; add a <default> of that name")
             element.set(key, text)
 
 

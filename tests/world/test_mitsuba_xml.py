@@ -94,6 +94,7 @@ def test_includes_are_read_from_their_own_folder(scene, tmp_path):
             "names no.obj, which is not there",
         ),
         ("<shape type='cube'><transform name='to_world'><skew/></transform></shape>", "<skew>"),
+        ("<shape type='cube'><float name='x' value='$size'/></shape>", "size has no value"),
         ("</scene><scene>", "is no XML"),
     ],
 )
