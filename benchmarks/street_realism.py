@@ -10,7 +10,8 @@ is the same count of false alarms on photographs or frames with YOLO labels (cla
     python benchmarks/street_realism.py --detector yolox_nano.onnx --etron scenes/etron_carla.yaml
 
 prints the scores of that scene's vehicle in its own paint, at its cameras, on the plane and in the
-street, beside those of the frames that the cameras are of.
+street, beside those of the frames that the cameras are of.  ``--color 0.05 0.45 0.55`` paints it
+in that color (sRGB), such as the one that it has in the frames.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from cnca import build
 from cnca.core.boxes import iou_matrix
 from cnca.core.color import linear_to_srgb
 from cnca.core.pictures import as_pictures, draw_boxes, write_png
-from cnca.core.types import Boxes, Detections, SrgbImages
+from cnca.core.types import Boxes, Detections, SrgbImages, SrgbTexture
 from cnca.judge.scores import as_one_class, detection_score
 from cnca.mi_bridge.rays import Cameras
 from cnca.mi_bridge.renderer import MitsubaRenderer
@@ -89,6 +90,7 @@ def main() -> None:
     parser.add_argument("--frames", type=Path)
     parser.add_argument("--every", type=int, default=8)
     parser.add_argument("--etron", type=Path)
+    parser.add_argument("--color", type=float, nargs=3)
     parser.add_argument("--pictures", type=Path)
     options = parser.parse_args()
     detector = build.build_detector(options.detector)
@@ -212,7 +214,10 @@ def own_paint(options: argparse.Namespace, detector: Detector) -> None:
     """Print the scores of the scene's vehicle: in the frames, on the plane, in each street."""
     scene = load_scene(options.etron)
     vehicle, views = build.build_vehicle(scene), build_views(scene)
-    albedo = build.build_paint(scene, vehicle).apply()
+    color = (
+        None if options.color is None else SrgbTexture(torch.tensor(options.color)[:, None, None])
+    )
+    albedo = build.build_paint(scene, vehicle).apply(color)
     label = build.vehicle_label(detector.class_names)
     files = [camera.carla for camera in scene.cameras if isinstance(camera, CarlaCamera)]
     photographs = np.stack([read_carla_frame(scene.base / file).image for file in files])
