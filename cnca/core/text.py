@@ -16,13 +16,18 @@ MARKS = (  # UTF-32's little-endian mark begins with that of UTF-16
 )
 """Byte order marks and what they say."""
 
+BEGINNING = 32
+"""Bytes by which UTF-16 without a mark is known: text begins with ASCII in all our files."""
+
 
 def decode_text(data: bytes, name: str | Path, error: type[CncaError] = CncaError) -> str:
     """Text whose lines end with a line feed; in UTF-8 unless a byte order mark says otherwise.
 
+    UTF-16 is also known without one, by the zeros in every second of its first bytes.
+
     Raises ``error``, in which ``name`` stands, with the first byte that is not of that encoding.
     """
-    mark, encoding = next(((m, e) for m, e in MARKS if data.startswith(m)), (b"", "utf-8"))
+    mark, encoding = next(((m, e) for m, e in MARKS if data.startswith(m)), _unmarked(data))
     try:
         text = data[len(mark) :].decode(encoding)
     except UnicodeDecodeError as problem:
@@ -33,6 +38,15 @@ def decode_text(data: bytes, name: str | Path, error: type[CncaError] = CncaErro
             "save the file as UTF-8"
         ) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _unmarked(data: bytes) -> tuple[bytes, str]:
+    even, odd = data[:BEGINNING:2], data[1:BEGINNING:2]
+    if not any(odd) and all(even) and odd:
+        return b"", "utf-16-le"
+    if not any(even) and all(odd) and odd:
+        return b"", "utf-16-be"
+    return b"", "utf-8"
 
 
 def decode_names(data: bytes) -> str:

@@ -16,6 +16,12 @@ def test_marks_and_line_ends(tmp_path, encoding, ending):
     assert read_text(path) == TEXT
 
 
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_utf_16_without_a_mark(encoding):
+    assert decode_text(("[net]\n" * 9 + TEXT).encode(encoding), "a.cfg") == "[net]\n" * 9 + TEXT
+    assert decode_text(b"", "a.cfg") == ""
+
+
 def test_the_first_foreign_byte_is_named():
     data = "sun: 1\nlack: grün\n".encode("latin-1")
     with pytest.raises(SceneError, match=r"a\.yaml: byte 15 \(0xfc, line 2\) is not UTF-8"):

@@ -19,6 +19,7 @@ from cnca.vehicle.mesh.finder import Finder
 from cnca.vehicle.mesh.gltf.plain import plain_glb
 from cnca.vehicle.mesh.normals import split_normals
 from cnca.vehicle.mesh.obj import read_obj
+from cnca.vehicle.mesh.ply import read_ply
 from cnca.vehicle.model import Part
 
 GLTF = (".gltf", ".glb")
@@ -70,6 +71,8 @@ def _read(path: Path, extension: str, finder: Finder) -> trimesh.Scene:
     data = path.read_bytes()
     if extension == ".obj":
         return read_obj(data, path.stem, finder.get)
+    if extension == ".ply":
+        return trimesh.Scene(read_ply(data, finder.get))
     if extension in GLTF:
         data, extension = plain_glb(data, finder.get), ".glb"
     return trimesh.load_scene(

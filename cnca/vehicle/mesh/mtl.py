@@ -53,7 +53,7 @@ def materials_of(
                 values[COLORS[key]] = np.clip(numbers[:3], 0, 1)
             elif key in NUMBERS and numbers:
                 values[key] = numbers[-1]
-    return {name: _material(values, read) for name, values in found.items()}
+    return {name: made_material(values, read) for name, values in found.items()}
 
 
 def pictures_of(text: str) -> list[str]:
@@ -79,9 +79,10 @@ def _after_values(words: Sequence[str], count: int) -> list[str]:
     return left
 
 
-def _material(
+def made_material(
     values: dict[str, Any], read: Callable[[str], bytes]
 ) -> trimesh.visual.material.SimpleMaterial:
+    """A material of these values, and of the ``picture`` of this name where that is found."""
     name = values.pop("picture", None)
     material = trimesh.visual.material.SimpleMaterial(**values)
     if name:

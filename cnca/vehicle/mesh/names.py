@@ -11,7 +11,11 @@ STEMS = (
     "metal", "lamp", "tyre", "seat", "body", "rim",
 )  # fmt: skip
 """Words that are written together with others: carpaint, taillight, underbody."""
-WHOLE = {"metallic", "template", "platelet", "lens", "trim", "prim", "light", "chassis", "glass"}
+WHOLE = {
+    "metallic", "template", "platelet", "platemail", "lens", "trim", "prim", "scrim", "grim",
+    "light", "slight", "flight", "delight", "highlight", "sunlight", "daylight", "lightweight",
+    "chassis", "glass", "nobody", "somebody", "antibody", "bodyguard",
+}  # fmt: skip
 """Words that are not taken apart, though they begin or end like others."""
 SHADED = {
     "gray", "grey", "black", "white", "silver", "red", "blue", "green", "yellow",
@@ -38,8 +42,8 @@ def words(name: str) -> Words:
 def known_material(name: str) -> str | None:
     """Our material that something of this name is probably made of; None if it says nothing."""
     given = words(name)
-    if given & {"light", "dark"} and given & SHADED:  # no lamp is called light gray
-        given -= {"light", "dark"}
+    if given & {"light", "dark"} and given & SHADED and "lights" not in name.lower():
+        given -= {"light", "dark"}  # no lamp is called light gray
     return next((kind for kind, fits in _RULES if fits(given)), None)
 
 
@@ -84,27 +88,34 @@ def _any(text: str) -> Callable[[Words], bool]:
 
 _inside = _any(
     "interior seat dash dashboard steering cockpit carpet leather fabric headliner pedal gauge "
-    "console driver inside cloth upholstery"
+    "console driver inside cloth upholstery cabin airbag engine"
 )
-_lamp = _any("light lamp headlight headlamp foglamp bulb blinker lens drl")
-_pane = _any("glass window windscreen windshield")
-_edge = _any("trim seal gasket molding moulding plastic vinyl frame wiper")
+_at_the_back = _any("tail brake stop rear back red")
+_lamp = _any("light lamp headlight headlamp foglamp bulb blinker indicator signal lens drl")
+_pane = _any("glass window windscreen windshield glazing")
+_edge = _any("trim seal gasket molding moulding plastic vinyl frame wiper grille grill handle")
+_well = _any("arch house well liner")
 _wheel = _any("tyre tire rubber wheel")
 _rim = _any("rim hub hubcap alloy caliper brake disc rotor spoke")
-_body = _any("paint body bodywork lacquer exterior coachwork")
+_body = _any("paint body bodywork lacquer exterior coachwork livery")
+_panel = _any("door hood bonnet trunk tailgate bootlid fender roof bumper quarter")
 
 _RULES: tuple[tuple[str, Callable[[Words], bool]], ...] = (
     ("trim", lambda w: _inside(w) and not _pane(w)),
     ("underbody", lambda w: "chassis" in w or {"under", "body"} <= w or "undercarriage" in w),
-    ("tail_light", lambda w: _lamp(w) and bool(w & {"tail", "brake", "stop", "rear"})),
+    ("tail_light", lambda w: _lamp(w) and _at_the_back(w)),
     ("light", _lamp),
-    ("trim", lambda w: _edge(w) and not w >= {"paint"}),
+    ("trim", lambda w: _edge(w) and not w & {"paint", "chrome"}),
+    ("tail_light", lambda w: {"red", "glass"} <= w),
     ("glass", _pane),
+    ("underbody", lambda w: _wheel(w) and _well(w)),
     ("metal", _rim),
+    ("metal", lambda w: {"wheel", "metal"} <= w),
     ("tyre", _wheel),
-    ("paint", lambda w: "paint" in w),
+    ("paint", lambda w: "paint" in w or {"body", "metal"} <= w),
     ("metal", _any("chrome metal mirror steel aluminium aluminum exhaust")),
     ("plate", lambda w: "plate" in w and not w & {"skid", "scuff", "kick"}),
     ("paint", _body),
+    ("paint", _panel),
 )
 """Kinds, and whether a name's words speak for one; the first match wins."""

@@ -10,7 +10,8 @@ from cnca.vehicle.mesh.surface import face_crosses
 CREASE = 40.0
 """Degrees between two faces from which the edge between them is sharp."""
 LEAST_AGREEMENT = 0.05
-"""A face's normals all have so much along some direction, or their mixture could vanish."""
+"""A face's normals all have so much along its own, or all against it: else their mixture could
+vanish, or lie in the face, where the frame around it has no direction left to begin with."""
 MOST_NEIGHBOURS = 512
 """Faces around one point; where there are more, each has its own normal."""
 
@@ -26,7 +27,7 @@ def split_normals(
 
     Args:
         given: the file's normals, or None.  They are kept save on faces on which one is no unit
-            vector or on which they are so opposed that a mixture of them is next to nothing.
+            vector, or on which they do not all clearly look to one side of the face.
     """
     corners = np.zeros((len(faces), 3, 3))
     bad = np.ones(len(faces), bool)
@@ -34,7 +35,7 @@ def split_normals(
         lengths = np.linalg.norm(given, axis=1, keepdims=True)
         unit = np.abs(lengths[:, 0] - 1) < 0.01
         corners = (given / np.where(unit[:, None], lengths, 1.0))[faces]
-        bad = ~unit[faces].all(axis=1) | ~_agree(corners)
+        bad = ~unit[faces].all(axis=1) | ~_one_sided(corners, face_crosses(vertices, faces))
     if bad.any():
         corners[bad] = creased_normals(vertices, faces)[bad]
     keys = np.column_stack([faces.reshape(-1, 1), (corners * 1e4).round().reshape(-1, 3)])
@@ -81,9 +82,10 @@ def _angles(triangles: Corners) -> Float[np.ndarray, "faces 3"]:
     return np.arccos(((a * b).sum(axis=2) / np.maximum(lengths, 1e-300)).clip(-1, 1))
 
 
-def _agree(corners: Corners) -> Bool[np.ndarray, " faces"]:
-    """Whether a face's three normals lie on one side of a plane, with some distance to it."""
-    middle = corners.sum(axis=1)
-    length = np.linalg.norm(middle, axis=1, keepdims=True)
-    along = np.einsum("fkc,fc->fk", corners, middle / np.maximum(length, 1e-12))
-    return (length[:, 0] > 1e-6) & (along.min(axis=1) > LEAST_AGREEMENT)
+def _one_sided(
+    corners: Corners, crosses: Float[np.ndarray, "faces 3"]
+) -> Bool[np.ndarray, " faces"]:
+    """Whether a face's three normals lie on one side of it, with some distance to its plane."""
+    lengths = np.linalg.norm(crosses, axis=1)
+    along = np.einsum("fkc,fc->fk", corners, crosses) / np.maximum(lengths, 1e-300)[:, None]
+    return (along.min(axis=1) > LEAST_AGREEMENT) | (along.max(axis=1) < -LEAST_AGREEMENT)

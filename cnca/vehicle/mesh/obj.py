@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from cnca.core.text import decode_names
 from cnca.vehicle.mesh.mtl import material_library, materials_of
-from cnca.vehicle.mesh.polygons import triangulate
+from cnca.vehicle.mesh.polygons import triangles_of
 
 UNNAMED = "unnamed"
 """The material of faces before the first ``usemtl``."""
@@ -73,7 +73,7 @@ def _parse(text: str) -> _Content:
     rows = {"v": (content.vertices, 3), "vt": (content.uvs, 2), "vn": (content.normals, 3)}
     for number, line in enumerate(text.replace("\\\n", " ").split("\n"), start=1):
         words = line.split()
-        key = words[0] if words else ""
+        key = words[0].lower() if words else ""
         try:
             if key in rows:
                 values, width = rows[key]
@@ -88,7 +88,7 @@ def _parse(text: str) -> _Content:
                 faces.groups |= {group} if group else set()
         except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(f"line {number}: {line.strip()[:40]!r}: {error}") from None
-        rest = line.strip(" \t")[len(key) :].strip(" \t")
+        rest = line.split(" #")[0].strip(" \t")[len(key) :].strip(" \t")
         if key == "usemtl":
             material = rest or UNNAMED
         elif key in ("o", "g"):
@@ -107,7 +107,7 @@ def _words(words: Names) -> Names:
 def _numbers(words: Names, width: int) -> list[float]:
     numbers = [float(word) for word in _words(words)[:width]]
     if len(numbers) < width:
-        if words[0] == "vt" and numbers:  # a texture of one dimension
+        if words[0].lower() == "vt" and numbers:  # a texture of one dimension
             return [*numbers, 0.0]
         raise ValueError(f"needs {width} numbers")
     return numbers
@@ -139,7 +139,7 @@ def _mesh(
     for column, values in enumerate((vertices, uvs, normals)):
         if corners[:, column].max() >= len(values):
             raise ValueError("a face names a vertex, texture coordinate or normal beyond the last")
-    triangles = _triangles(np.array(faces.sizes), vertices[corners[:, 0]])
+    triangles = triangles_of(np.array(faces.sizes), vertices[corners[:, 0]])
     _, first, joined = np.unique(
         (corners[:, 0] * (len(uvs) + 1) + corners[:, 1] + 1) * (len(normals) + 1)
         + corners[:, 2]
@@ -155,27 +155,3 @@ def _mesh(
     mesh.metadata["uvs"] = uvs[t] if (t >= 0).all() else None
     mesh.metadata["groups"] = sorted(faces.groups)
     return mesh
-
-
-def _triangles(
-    sizes: Int[np.ndarray, " faces"], points: Float[np.ndarray, "corners 3"]
-) -> Int[np.ndarray, "triangles 3"]:
-    """Corners of the triangles of all faces; ``points`` are where the corners lie."""
-    starts = np.cumsum(sizes) - sizes
-    triangles = [starts[sizes == 3][:, None] + np.arange(3)]
-    triangles.append(_quads(starts[sizes == 4][:, None] + np.arange(4), points))
-    for start, size in zip(starts[sizes > 4], sizes[sizes > 4], strict=True):
-        triangles.append(start + triangulate(points[start : start + size]))
-    return np.concatenate(triangles)
-
-
-def _quads(
-    quads: Int[np.ndarray, "quads 4"], points: Float[np.ndarray, "corners 3"]
-) -> Int[np.ndarray, "triangles 3"]:
-    """Cut along the diagonal that lies inside; along the first one where both do."""
-    a, b, c, d = (points[quads[:, i]] for i in range(4))
-    normal = np.cross(c - a, d - b)
-    first, second = np.cross(b - a, c - a), np.cross(c - a, d - a)
-    inside = ((first * normal).sum(axis=1) >= 0) & ((second * normal).sum(axis=1) >= 0)
-    quads = np.where(inside[:, None], quads, np.roll(quads, -1, axis=1))
-    return quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)

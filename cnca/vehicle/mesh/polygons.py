@@ -7,6 +7,22 @@ import numpy as np
 from jaxtyping import Float, Int
 
 
+def triangles_of(
+    sizes: Int[np.ndarray, " polygons"], points: Float[np.ndarray, "corners 3"]
+) -> Int[np.ndarray, "triangles 3"]:
+    """Corners of the triangles of all polygons, one after the other.
+
+    ``sizes`` are their numbers of corners, of which those below three make none; ``points`` are
+    where the corners lie.
+    """
+    starts = np.cumsum(sizes) - sizes
+    triangles = [starts[sizes == 3][:, None] + np.arange(3)]
+    triangles.append(_quads(starts[sizes == 4][:, None] + np.arange(4), points))
+    for start, size in zip(starts[sizes > 4], sizes[sizes > 4], strict=True):
+        triangles.append(start + triangulate(points[start : start + size]))
+    return np.concatenate(triangles)
+
+
 def triangulate(points: Float[np.ndarray, "corners 3"]) -> Int[np.ndarray, "triangles 3"]:
     """Corners of the triangles of a polygon, which run around as the polygon does.
 
@@ -55,3 +71,15 @@ def _is_convex(flat: Float[np.ndarray, "corners 2"]) -> bool:
 
 def _cross(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _quads(
+    quads: Int[np.ndarray, "quads 4"], points: Float[np.ndarray, "corners 3"]
+) -> Int[np.ndarray, "triangles 3"]:
+    """Cut along the diagonal that lies inside; along the first one where both do."""
+    a, b, c, d = (points[quads[:, i]] for i in range(4))
+    normal = np.cross(c - a, d - b)
+    first, second = np.cross(b - a, c - a), np.cross(c - a, d - a)
+    inside = ((first * normal).sum(axis=1) >= 0) & ((second * normal).sum(axis=1) >= 0)
+    quads = np.where(inside[:, None], quads, np.roll(quads, -1, axis=1))
+    return quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)

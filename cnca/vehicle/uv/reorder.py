@@ -87,7 +87,10 @@ def _rest(skin: Skin, chosen: Bool[np.ndarray, " faces"]) -> Float[np.ndarray, "
     atlas.add_mesh(skin.vertices[used].astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
     packing = xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = REST_TEXELS, 4, True
-    atlas.generate(pack_options=packing)
+    packing.rotate_charts = False
+    cutting = xatlas.ChartOptions()
+    cutting.fix_winding = True  # none of them mirrored
+    atlas.generate(cutting, packing)
     if atlas.atlas_count != 1:
         raise MeshError(f"the hidden faces fall into {atlas.atlas_count} atlases, not one")
     _, laid_out, uvs = atlas[0]

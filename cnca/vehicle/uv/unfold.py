@@ -41,8 +41,15 @@ KNOT = 0.05
 """Metres between the points at which the shift of a chart is free."""
 STEEPEST = 1.0
 """Largest shear, as a slope."""
+LARGE = 0.1
+"""Square metres from which a face can be seen in most of its area and yet lie under others."""
+STACKED = 0.05
+"""Share of a large face's points at which others may lie, too."""
 INSIDE = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 """Points of a triangle at which it is looked at, in barycentric coordinates."""
+
+MANY_INSIDE = np.array([(i, j, 24 - i - j) for i in range(1, 23) for j in range(1, 24 - i)]) / 24
+"""More of them, away from the edges."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +106,8 @@ def unfold(
             flat[chosen] = _attach(vertices[faces], flat, top, chosen, i, shear)
             chosen[np.flatnonzero(chosen)[_covered(flat[placed], flat[chosen])]] = False
         placed |= chosen
+        height = vertices[faces].mean(axis=1) @ SIDES[i].outwards
+        placed &= ~_stacked(flat, placed, chosen, height)
     flat[~placed] = 0
     return outside, placed, flat
 
@@ -215,3 +224,41 @@ def _covered(placed: Float[np.ndarray, "placed 3 2"], flat: Corners2) -> Bool[np
     points = np.einsum("sc,fcd->fsd", INSIDE, (flat - low) / CELL)
     column, row = np.rint(points).astype(int).transpose(2, 0, 1)
     return taken[row, column].sum(axis=1) >= 2
+
+
+def _stacked(
+    flat: Corners2,
+    placed: Bool[np.ndarray, " faces"],
+    chosen: Bool[np.ndarray, " faces"],
+    height: Float[np.ndarray, " faces"],
+) -> Bool[np.ndarray, " faces"]:
+    """Which of the large ``chosen`` faces share texels with others that are ``placed``.
+
+    Of two that do the one behind goes: on coarse meshes a wheel stands before a whole side.
+    """
+    stacked = np.zeros(len(flat), bool)
+    area = np.abs(np.linalg.det(flat[:, 1:] - flat[:, :1])) / 2
+    large = np.flatnonzero(chosen & (area > LARGE))
+    if not len(large):
+        return stacked
+    cells = (flat - flat[placed].min(axis=(0, 1))) / CELL
+    count = np.zeros(np.ceil(cells[placed].max(axis=(0, 1))).astype(int)[::-1] + 2, np.int16)
+    for face in np.flatnonzero(placed):
+        _count(count, cells[face], 1)
+    for face in large[np.argsort(height[large])]:
+        column, row = np.rint(MANY_INSIDE @ cells[face]).astype(int).T
+        if (count[row, column] > 1).mean() > STACKED:
+            stacked[face] = True
+            _count(count, cells[face], -1)
+    return stacked
+
+
+def _count(
+    count: Int[np.ndarray, "rows columns"], corners: Float[np.ndarray, "3 2"], step: int
+) -> None:
+    """Add ``step`` to the cells of a triangle."""
+    low = np.floor(corners.min(axis=0)).astype(int)
+    width, height = np.ceil(corners.max(axis=0)).astype(int) + 1 - low
+    patch = np.zeros((height, width), np.uint8)
+    cv2.fillConvexPoly(patch, np.rint((corners - low) * 16).astype(np.int32), 1, shift=4)
+    count[low[1] : low[1] + height, low[0] : low[0] + width] += step * patch.astype(np.int16)

@@ -29,7 +29,10 @@ def unwrap_paint(vehicle: Vehicle, *, texels: int = 1024, padding: int = 4) -> V
     packing.resolution = texels
     packing.padding = padding
     packing.bilinear = True
-    atlas.generate(pack_options=packing)
+    packing.rotate_charts = False
+    cutting = xatlas.ChartOptions()
+    cutting.fix_winding = True  # writing reads forwards
+    atlas.generate(cutting, packing)
     if atlas.atlas_count != 1:
         raise MeshError(
             f"{vehicle.name}: the paint falls into {atlas.atlas_count} atlases, not one"

@@ -5,15 +5,19 @@ import pytest
 from cnca.vehicle.mesh.names import guess_material, words
 
 KNOWN = {
-    "paint": "Paint_Red carpaint CarPaint body body_light_gray exterior MI_Body Metallic_Paint",
-    "trim": "MI_Interior seat_body SeatBody steering_wheel dashboard window_trim entire template",
-    "metal": "BrakeDisc brake_caliper chrome Side_Mirror rim rim_paint LightAlloy",
+    "paint": "Paint_Red carpaint CarPaint body body_light_gray exterior MI_Body Metallic_Paint "
+    "Mat_Vehicle_Paint body_metal LightGrey_Body Door_FL Hood bumper_front Livery",
+    "trim": "MI_Interior seat_body SeatBody steering_wheel dashboard window_trim entire template "
+    "nobody Highlight slight grille door_handle Door_Interior cabin",
+    "metal": "BrakeDisc brake_caliper chrome Side_Mirror rim rim_paint LightAlloy chrome_trim "
+    "wheel_metal",
     "tyre": "tyre tire Tire_FL Rubber_Black wheel Wheels_01",
     "glass": "glass Windscreen windshield rearWindow GlassTinted glass_interior",
-    "light": "light Headlights headlight_glass front_lamp lens",
-    "tail_light": "TailLight taillights tail_lamp brake_light BrakeLights rear_lamp",
+    "light": "light Headlights headlight_glass front_lamp lens turn_signal",
+    "tail_light": "TailLight taillights tail_lamp brake_light BrakeLights rear_lamp lights_red "
+    "red_glass",
     "plate": "LicensePlate number_plate",
-    "underbody": "underBody underbody chassis",
+    "underbody": "underBody underbody chassis wheel_arch WheelWell",
 }
 
 

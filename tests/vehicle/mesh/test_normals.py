@@ -48,6 +48,15 @@ def test_good_normals_of_the_file_are_kept_and_opposed_ones_are_not():
     np.testing.assert_allclose(normals[new][1], slanted[faces[1]])
 
 
+def test_normals_in_the_plane_of_their_face_are_made_anew():
+    """A floor lit like a wall: with texture along the normal, its frame would be 0 / 0."""
+    floor = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
+    for along in ([0, -1, 0], [0, -1, 0.02]):
+        given = np.tile(np.array(along) / np.linalg.norm(along), (3, 1))
+        _, new, normals = split_normals(floor, np.array([[0, 1, 2]]), given)
+        np.testing.assert_allclose(normals[new][0], [[0, 0, 1]] * 3)
+
+
 def test_points_of_very_many_faces():
     count = 600
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)

@@ -10,7 +10,7 @@ from PIL import Image
 from cnca.core.errors import MeshError
 from cnca.vehicle.mesh.companions import mesh_companions
 from cnca.vehicle.mesh.load_mesh import load_vehicle
-from cnca.vehicle.mesh.mesh_file import read_meshes
+from cnca.vehicle.mesh.mesh_file import material_name, read_meshes
 from cnca.vehicle.mesh.mtl import picture_name
 
 SQUARE = """v 0 0 0
@@ -47,6 +47,8 @@ SPELLINGS = {
     "negative": SQUARE.replace("1/1 2/2 3/3 4/4", "-4/-4 -3/-3 -2/-2 -1/-1"),
     "colors": SQUARE.replace("v 1 0 0", "v 1 0 0 0.5 0.5 0.5"),
     "triangles": SQUARE.replace("f 1/1 2/2 3/3 4/4", "f 1/1 2/2 3/3\nf 1/1 3/3 4/4"),
+    "capitals": SQUARE.upper(),
+    "commented names": SQUARE.replace("usemtl paint", "usemtl paint # red"),
     "lines": SQUARE + "l 1 2\np 1\ns off\n",
 }
 
@@ -55,11 +57,12 @@ SPELLINGS = {
 def test_every_spelling_is_the_same_square(tmp_path, name):
     path = _write(tmp_path, SPELLINGS[name])
     assert _area(path) == pytest.approx(1)
+    assert {material_name(m).lower() for m in read_meshes(path).geometry.values()} == {"paint"}
     (part,) = load_vehicle(path, up="z", ground=False, recentre=False).parts
     np.testing.assert_allclose(part.uvs, part.vertices[:, :2], atol=1e-9)
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig"])
 def test_encodings(tmp_path, encoding):
     path = tmp_path / "a.obj"
     path.write_bytes(SQUARE.replace("paint", "Lack grün").encode(encoding))

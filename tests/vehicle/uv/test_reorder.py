@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from cnca.core.errors import MeshError
 from cnca.vehicle.builtin.sedan import build_sedan
@@ -111,6 +112,26 @@ def test_less_weight_against_shear_lets_charts_follow_the_edge(sedan):
         triangles = skin.vertices[skin.faces[placed]]
         lengths.append(seam_length(triangles, flat[placed], 1.0))
     assert lengths[1] < 0.8 * lengths[0]
+
+
+def test_of_large_faces_behind_one_another_none_share_texels():
+    """Wheels as boxes before sides of two triangles: both are seen in most of their area."""
+    body = trimesh.creation.box(
+        (4.4, 1.6, 1), trimesh.transformations.translation_matrix((0, 0, 0.7))
+    )
+    places = [(x, y, 0.35) for x in (-1.4, 1.4) for y in (-0.9, 0.9)]
+    wheels = [
+        trimesh.creation.box((0.7, 0.3, 0.7), trimesh.transformations.translation_matrix(place))
+        for place in places
+    ]
+    mesh = trimesh.util.concatenate([body, *wheels])
+    part = Part("body", "paint", np.array(mesh.vertices), np.array(mesh.faces),
+                np.array(mesh.vertex_normals), None)  # fmt: skip
+    laid_out = reorder(Vehicle("boxes", (part,)))
+    skin = Skin.of(laid_out.vehicle)
+    assert measure(skin, np.ones(len(skin.faces), bool)).overlap < 0.005
+    corners = skin.corners[~laid_out.placed]
+    assert (np.linalg.det(corners[:, 1:] - corners[:, :1]) > 0).all()
 
 
 def test_hidden_faces_get_a_place_of_their_own():

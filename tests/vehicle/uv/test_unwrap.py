@@ -62,6 +62,12 @@ def test_charts_do_not_overlap(unwrapped):
     assert area > 0.3
 
 
+def test_nothing_is_mirrored(unwrapped):
+    painted = [part for part in unwrapped.parts if part.material == "paint"]
+    corners = np.concatenate([part.uvs[part.faces] for part in painted])
+    assert (np.linalg.det(corners[:, 1:] - corners[:, :1]) > -1e-12).all()
+
+
 def test_texels_are_spread_evenly_over_the_car(unwrapped):
     parts = [part for part in unwrapped.parts if part.material == "paint"]
     density = [_area(p.uvs, p.faces).sum() / _area(p.vertices, p.faces).sum() for p in parts]
