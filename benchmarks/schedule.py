@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from stopwatch import named_rows, parser, report
@@ -26,14 +25,15 @@ PAPER = 5 * 40_960
 SHARES = {"3/4": 0.75, "1/2": 0.5, "1/4": 0.25}
 
 
-def row(run: Path) -> dict[str, Any]:
+def row(run: Path) -> dict[str, int | str]:
     """The columns of a finished run."""
     summary, request = (read_json(run / f"{name}.json") for name in ("summary", "manifest"))
     each = request["request"]["settings"]["views_per_step"]
     lines = (run / "log.jsonl").read_text(encoding="utf-8").splitlines()
     scores = np.array([json.loads(line)["D_s"] for line in lines])
     rounds = np.convolve(scores, np.full(WEATHERS, 1 / WEATHERS), "valid")
-    views, columns = each * len(scores), {}
+    views = each * len(scores)
+    columns: dict[str, int | str] = {}
     for name, share in SHARES.items():
         reached = np.flatnonzero(rounds <= share * summary["score_prompt"])
         columns[f"to {name}"] = each * int(reached[0] + WEATHERS) if len(reached) else "never"

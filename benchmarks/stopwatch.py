@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from tables import markdown, put
@@ -71,7 +71,7 @@ def in_turn(
 def report(
     options: argparse.Namespace,
     name: str,
-    measured: Mapping[str, Any],
+    measured: Mapping[str, object],
     goals: Sequence[Goal],
     tables: Sequence[Sequence[str]],
 ) -> None:
@@ -105,7 +105,7 @@ def goals_table(goals: Sequence[Goal]) -> list[str]:
     return named_rows("goal", rows) if rows else []
 
 
-def named_rows(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def named_rows(corner: str, rows: Mapping[str, Mapping[str, object]]) -> list[str]:
     """Rows with the same columns as the lines of a table."""
     columns = list(next(iter(rows.values())))
     cells = [[name, *(f"{row[column]}" for column in columns)] for name, row in rows.items()]

@@ -12,9 +12,10 @@ import re
 import sys
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from cnca.core.errors import CncaError
 from cnca.core.files import replacing
@@ -46,30 +47,31 @@ def hub_folder(spec: str, patterns: Sequence[str], error: type[CncaError]) -> Pa
     repository, _, revision = name.partition("@")
     from huggingface_hub import snapshot_download  # loads a web client
 
-    wanted: dict[str, Any] = {
-        "repo_id": repository,
-        "revision": revision or None,
-        "allow_patterns": [*patterns, "README.md"],
+    fetch = partial(
+        snapshot_download,
+        repository,
+        revision=revision or None,
+        allow_patterns=[*patterns, "README.md"],
         # Weights of half precision, and those kept for further training, beside the usual ones.
-        "ignore_patterns": ["*.fp16.*", "*non_ema*", "safety_checker/*"],
-    }
+        ignore_patterns=["*.fp16.*", "*non_ema*", "safety_checker/*"],
+    )
     try:
-        folder = Path(snapshot_download(**wanted, local_files_only=True))
+        folder = Path(fetch(local_files_only=True))
     except Exception:  # not in the cache; the hub's errors share no base class
-        folder = _fetch_snapshot(spec, wanted, error)
+        folder = _fetch_snapshot(spec, fetch, error)
         _say(f"{spec}: fetched into {folder}; license: {_license(folder)}")
     if not any(folder.rglob(WEIGHTS)):
         raise error(f"'{spec}': has no safetensors weights; other formats could run code")
     return folder
 
 
-def _fetch_snapshot(spec: str, wanted: dict[str, Any], error: type[CncaError]) -> Path:
-    from huggingface_hub import errors, snapshot_download
+def _fetch_snapshot(spec: str, fetch: Callable[[], str], error: type[CncaError]) -> Path:
+    from huggingface_hub import errors
 
     refuse_offline(spec, error)
     _say(f"{spec}: fetching from the Hugging Face hub")
     try:
-        return Path(snapshot_download(**wanted))
+        return Path(fetch())
     except errors.GatedRepoError:
         raise error(
             f"'{spec}': its license must be agreed to on its page, then run hf auth login"
