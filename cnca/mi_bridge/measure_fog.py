@@ -65,7 +65,15 @@ def measure_fog(bare: Geometry, around: Surroundings, fog: FogLayer) -> FogField
         places = _places(bare, around, fog, heights, source.mean(axis=-1))
     radiance = fine.reshape(LEVELS, ROWS, FINER, COLUMNS, FINER, 3).mean(axis=(2, 4))
     source = source.reshape(LEVELS, ROWS, COLUMNS, 3)
-    return replace(fog.field, heights=heights, radiance=radiance, source=source, places=places)
+    sun = [np.interp(heights, fog.field.heights, color) for color in fog.field.sun.T]
+    return replace(
+        fog.field,
+        heights=heights,
+        radiance=radiance,
+        source=source,
+        sun=np.stack(sun, axis=-1),
+        places=places,
+    )
 
 
 def _gathering(asymmetry: float) -> Float[np.ndarray, "coarse fine"]:
