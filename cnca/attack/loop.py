@@ -77,7 +77,7 @@ def optimize(
     progress: Progress,
     after_step: Callable[[Progress, StepRecord], None],
 ) -> Latents:
-    """Run the attack to its last step, or until checks bring nothing; returns what it came to.
+    """Run the attack to its last step, or until checks show no gain; returns the best latents.
 
     After every step ``after_step`` is given the progress and the record of the step.
 

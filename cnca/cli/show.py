@@ -276,7 +276,7 @@ def layouts(out: Path, report: Reordering) -> None:
 
 
 def corrections(request: EfrRequest, report: EfrReport) -> None:
-    """What an EFR came to."""
+    """The result of training an EFR."""
     line(
         f"{request.out}: mean absolute error {report.error_before:.4f} before, "
         f"{report.error_after:.4f} after, on {report.test_views} views not trained on"

@@ -201,7 +201,7 @@ def weighted_bce(corrected: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
         corrected: X_ren, display values in [0, 1], (batch, 3, height, width).
         truth: GT, of the same shape and range.
         mask: (batch, 1, height, width); S is its sum, the number of pixels of the vehicle.
-            Without any the weight would be endless: such an image counts as if it had one pixel.
+            Without any, the weight would be infinite: such an image counts as if it had one pixel.
     """
     weight = mask[0, 0].numel() / mask.sum(dim=(1, 2, 3)).clamp(min=1)
     bce = F.binary_cross_entropy(corrected, truth, reduction="none").mean(dim=(1, 2, 3))

@@ -147,9 +147,9 @@ def scheduler() -> DDIMScheduler:
 
 
 def word_pieces(captions: Iterable[str]) -> CLIPTokenizer:
-    """CLIP's byte-pair tokenizer with a vocabulary learnt from ``captions``.
+    """CLIP's byte-pair tokenizer with a vocabulary learned from ``captions``.
 
-    Every byte is in the vocabulary, inside and at the end of a word: no prompt is unspeakable.
+    Every byte is in the vocabulary, inside and at the end of a word: every prompt can be encoded.
     """
     start, end = "<|startoftext|>", "<|endoftext|>"
     clip = CLIPTokenizer().backend_tokenizer  # for CLIP's own way to split text into words
@@ -166,7 +166,7 @@ def word_pieces(captions: Iterable[str]) -> CLIPTokenizer:
     learnt = json.loads(learner.to_str())["model"]
     vocabulary: dict[str, int] = learnt["vocab"]
     last = [letter + "</w>" for letter in alphabet if letter + "</w>" in vocabulary]
-    # which the learner numbers in an order of chance
+    # the learner numbers these in no fixed order
     vocabulary |= dict(zip(last, sorted(vocabulary[letter] for letter in last), strict=True))
     for letter in alphabet:
         vocabulary.setdefault(letter + "</w>", len(vocabulary))

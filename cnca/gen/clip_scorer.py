@@ -16,7 +16,7 @@ from cnca.core.types import SrgbImages
 from cnca.gen.scorer import Cosines
 
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-"""Of the pictures that CLIP was trained on, where the folder does not say otherwise."""
+"""Of the pixels that CLIP was trained on, per channel, where the folder does not say otherwise."""
 
 
 class ClipScorer:

@@ -86,7 +86,7 @@ def check_finite(values: Tensor, subject: str = "F_adv has") -> None:
 
 @dataclass(frozen=True)
 class StoredFeature:
-    """What an attack came to, F_adv or noises or both, with what it was made for."""
+    """The result of an attack, F_adv or noises or both, with what it was made for."""
 
     feature: Feature | None
     prompt: str

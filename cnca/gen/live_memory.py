@@ -1,4 +1,4 @@
-"""Memory of tensors, counted: what a profiler of the process would blur."""
+"""Memory of tensors, counted exactly, which the memory of the process shows only roughly."""
 
 from __future__ import annotations
 

@@ -46,8 +46,9 @@ def standardized(noises: Noises) -> Noises:
 def low_frequency_excess(noises: Noises) -> Float[Tensor, ""]:
     """Σ over k = 2, 4, 8 of relu(k² · mean(avgpool_k(z)²) − 1), averaged over the draws; ≥ 0.
 
-    The mean of k² independent values of variance 1 has the variance 1/k²: white noise gives 0, but
-    for its own chance.  More says that neighbours are alike, as in no noise that the denoiser saw.
+    The mean of k² independent values of variance 1 has the variance 1/k²: white noise gives 0, up
+    to its own fluctuation.  A larger value says that neighbors are alike, as they are in no noise
+    that the denoiser was trained on.
     Blocks larger than the latents are left out.
     """
     white = standardized(noises)

@@ -116,7 +116,7 @@ class Studio:
 
 @dataclass(frozen=True)
 class EfrReport:
-    """What a training came to; errors are mean absolute ones of display values in [0, 1]."""
+    """The result of a training; errors are mean absolute differences of display values."""
 
     error_before: float
     error_after: float

@@ -80,7 +80,7 @@ def evaluate(
     """
     boxes = torch.cat([renderer.vehicle_boxes(views) for views in shots.views])
     images: dict[str, list[torch.Tensor]] = {name: [] for name in albedos}
-    # All textures in one weather, and so in one place, before the next: worlds are dear to build.
+    # All textures in one weather, and so in one place, before the next: building worlds is slow.
     for weather in range(len(shots.weathers)):
         for name, albedo in albedos.items():
             images[name].append(photograph(renderer, albedo, shots, weather))

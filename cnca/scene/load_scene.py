@@ -56,7 +56,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _short(value: Any) -> str:
-    """The beginning of its text; aliases can make the whole text endless."""
+    """The beginning of its text; aliases can make the whole text enormous."""
     return f"{reprlib.repr(value):.80}"
 
 

@@ -25,7 +25,7 @@ LEARNING_RATE, EPOCHS = 0.01, 20
 GAIN_RATE = 0.1
 """For the gains of what the renderer leaves out: six numbers that all pixels agree on."""
 HALF_LEVEL = 0.5 / 255
-"""Display values nearer to 0 or 1 count as that: there the cross-entropy's slope is endless."""
+"""Display values are kept this far from 0 and 1, where the cross-entropy's slope is unbounded."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a training came to; errors are mean absolute ones of display values in [0, 1]."""
+    """The result of a training; errors are mean absolute differences of display values."""
 
     network: EnvironmentFeatureRenderer
     """Of the best epoch."""
@@ -55,7 +55,7 @@ class Outcome:
 
     @property
     def best(self) -> Float[Tensor, " pictures"]:
-        """Those of the epoch that is kept; of none, where all of them only harm."""
+        """Errors of the epoch that is kept; those without EFR where no epoch lowers them."""
         return min([self.before, *self.after], key=lambda errors: float(errors.mean()))
 
 
@@ -100,7 +100,7 @@ class EfrTask(Task[Shot]):
         """Equation 10, of this process's pictures."""
         shot, part = _share(batch)
         corrected = _corrected(self.network, shot)
-        if not torch.isfinite(corrected).all():  # of which there is no cross-entropy
+        if not torch.isfinite(corrected).all():  # its cross-entropy would be undefined
             raise NonFiniteError("a corrected picture is not finite")
         return {"L_EFR": part * _loss(corrected, shot)}
 

@@ -2,7 +2,7 @@
 
     θ ← θ − AdamW(∇ L(batch of step i; θ)),  step size η_i = η · min(1, (i + 1) / w) · cosine(i / n)
 
-with w steps of warm-up out of n.  What is learnt, and from what, a ``Task`` says.
+with w steps of warm-up out of n.  A ``Task`` says what is learned, and from what.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ RECENT = 50
 class TrainingLoop:
     """Trains tasks, each with a checkpoint of its name in ``folder``.
 
-    Whose folder it is, and from which files it was begun, the jobs say (``RunFolder``).
+    The jobs claim the folder, and record the files that a training starts from (``RunFolder``).
 
-    Step i draws all its random numbers from generators seeded with (seed, i), torch's own one
-    included, from which networks draw on their own account.
+    Step i draws all its random numbers from generators seeded with (seed, i), torch's global one
+    included, from which layers such as dropout draw.
     """
 
     folder: Path | None
@@ -149,7 +149,7 @@ class TrainingState:
             if settings == self.settings:
                 for name, part in self._parts().items():
                     part.load_state_dict(saved[name])
-        except Exception as error:  # torch raises whatever damaged content makes it raise
+        except Exception as error:  # damaged content makes torch raise errors of any kind
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             raise RunError(
                 f"{file}: not a checkpoint of this model ({reason}); remove it"

@@ -19,10 +19,10 @@ Settings = Mapping[str, int | float | str | bool]
 
 @dataclass(frozen=True)
 class Recipe:
-    """How the optimizer, AdamW (Loshchilov & Hutter 2019), goes about it."""
+    """Settings of the optimizer, AdamW (Loshchilov & Hutter 2019), and of its schedule."""
 
     steps: int
-    """All steps of the training; the step size ends with them."""
+    """Number of steps; the schedule of the step size ends with them."""
     learning_rate: float
     """The largest step size, of all parameters that do not name their own."""
     save_every: int = 200
@@ -33,7 +33,7 @@ class Recipe:
     """What half a cosine leaves of the step size at the end, as a share."""
     weight_decay: float = 1e-4
     largest_gradient: float = 1.0
-    """Norm to which the gradient of all parameters together is cut; may be infinite."""
+    """Norm to which the gradient of all parameters together is clipped; may be infinite."""
     averaging: float | None = 0.99
     """Decay per step of the weights' moving average; None keeps the last weights."""
 
@@ -50,7 +50,7 @@ class Task(ABC, Generic[Batch]):
     network: nn.Module
     recipe: Recipe
     settings: Settings = MappingProxyType({})
-    """What a training must share with its checkpoint, beside the seed; steps may differ."""
+    """What a checkpoint must share with the training that resumes it, besides the seed."""
     divided = False
     """Whether processes of torchrun have a part of each batch, and so of loss and gradient."""
 
@@ -63,7 +63,7 @@ class Task(ABC, Generic[Batch]):
         """Scalars by name; their sum is minimised."""
 
     def metrics(self) -> dict[str, float]:
-        """How good the network is by now, at every checkpoint; nothing unless it is quick."""
+        """How good the network is, quickly measured at every checkpoint; empty by default."""
         return {}
 
     def parameter_groups(self) -> list[dict[str, Any]]:
@@ -71,11 +71,11 @@ class Task(ABC, Generic[Batch]):
         return [{"params": list(self.network.parameters())}]
 
     def where(self, step: int) -> str:
-        """What errors and messages call a step."""
+        """The name of a step in errors and messages."""
         return f"step {step}"
 
     def state_dict(self) -> dict[str, Any]:
-        """What checkpoints hold beside weights and optimizer."""
+        """What checkpoints hold besides weights and optimizer."""
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -107,7 +107,7 @@ def under_tau(request: Request, tau: float) -> Request:
 
 
 def bounded(request: Request, tau: str | None) -> Request:
-    """The same attack under the bound that ``--tau`` says; raises RunError for what is none."""
+    """The same attack under the bound that ``--tau`` says; raises RunError for anything else."""
     return request if tau is None else under_tau(request, read_tau(tau))
 
 
@@ -186,7 +186,7 @@ def prompts(
 
 
 def read_taus(text: str) -> list[float]:
-    """Comma-separated bounds, such as ``0.1,0.5,inf``; raises RunError for what is none."""
+    """Comma-separated bounds, such as ``0.1,0.5,inf``; raises RunError for anything else."""
     taus = [read_tau(word) for word in text.split(",")]
     if len(set(taus)) < len(taus):
         raise RunError(f"--taus {text}: a bound is there twice; leave it out once")
@@ -194,7 +194,7 @@ def read_taus(text: str) -> list[float]:
 
 
 def read_tau(text: str) -> float:
-    """A bound on F_adv, 0 or more; raises RunError for what is none."""
+    """A bound on F_adv, 0 or more; raises RunError for anything else."""
     try:
         tau = float(text)
     except ValueError:

@@ -1,7 +1,7 @@
 """The training loss of anchor-free heads, its cells chosen by task alignment (Feng et al. 2021).
 
-Of the cells near an object those answer for it that already do so best: with a high score and a
-box that overlaps it.  Their score is to become the overlap that they reach.
+Of the cells near an object, those that already fit it best answer for it: those with a high score
+and a box that overlaps it.  The target of their score is the overlap that they reach.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cnca.train.detector.yolo_loss import Targets, ciou
 
 BOX_WEIGHT = 3.0
 RADIUS = 2.5
-"""Strides by which the middle of a cell that answers may lie off an object's."""
+"""Most strides between the middle of a cell that answers and that of its object."""
 MOST_CELLS = 9
 SCORE_POWER, OVERLAP_POWER = 0.5, 4.0
 """α and β of the alignment score^α · IoU^β."""

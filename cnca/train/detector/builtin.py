@@ -17,7 +17,7 @@ from cnca.train.detector.training import DetectorReport, Settings, train_detecto
 from cnca.train.loop import TrainingLoop
 
 STREET_REPEATS = 2
-"""How often an epoch shows each picture of a street, the dearest to render and so the fewest."""
+"""How often an epoch shows each picture of a street; they are few, since they are expensive."""
 
 
 def train_builtin(request: DetectorRequest, *, resume: bool) -> DetectorReport:

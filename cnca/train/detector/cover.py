@@ -1,9 +1,9 @@
 """Patches of loud texture on training pictures, some of them over vehicles.
 
 After CutMix (Yun et al. 2019) and random erasing (Zhong et al. 2020).  A vehicle that is mostly
-covered is none to find, though its wheels and its outline still show.  So a detector learns, as on
-roads, that what is loud is seldom a vehicle; without it, one of a single class looks for wheels,
-windows and shadows alone, and no paint moves it.
+covered is no target any more, though its wheels and its outline still show.  So a detector learns,
+as on roads, that loud textures are seldom vehicles.  Without these patches a detector of a single
+class looks for wheels, windows and shadows alone, and no paint moves it.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from jaxtyping import Bool, Float, UInt8
 from cnca.gen.textures import sample
 
 CHANCE, MOST_PATCHES = 0.5, 3
-"""Of a picture to be covered at all, and by how many patches."""
+"""Chance that a picture is covered at all, and by how many patches at most."""
 AIMED = 0.5
-"""Of the patches, how many lie on a vehicle."""
+"""Share of the patches that lie on a vehicle."""
 ON_VEHICLE, ELSEWHERE = (0.5, 1.1), (0.1, 0.4)
 """Sides relative to those of the vehicle's box, or of the picture."""
 LEAST_SEEN = 0.5
-"""Share of its box that must stay free for a vehicle to be one to find."""
+"""Share of its box that must stay free for a vehicle to remain a target."""
 TEXTURES = 128
 
 Picture = UInt8[np.ndarray, "_ _ 3"]

@@ -14,7 +14,7 @@ from cnca.core.files import replacing
 from cnca.train.detector.dataset import TEST, TRAIN
 
 TEST_SHARE = 0.15
-"""Of the scenes, the first ones, are for testing."""
+"""Share of the scenes, the first ones, that are for testing."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ WEATHERS_PER_SCENE = 3
 FOG_SHARE = 0.4
 TEXTURE_SIZE, SAMPLES = 256, 8
 LEAST_PIXELS = 300
-"""A vehicle hidden beyond this is not one to find."""
+"""A vehicle of which fewer pixels are seen is no target."""
 PLAIN_PAINTS = (
     (0.92, 0.92, 0.92), (0.78, 0.79, 0.80), (0.45, 0.46, 0.48), (0.06, 0.06, 0.07),
     (0.60, 0.05, 0.06), (0.08, 0.16, 0.45), (0.05, 0.25, 0.16), (0.78, 0.70, 0.55),
@@ -57,9 +57,9 @@ class Cast:
     textures: Mapping[str, SrgbTexture] = field(default_factory=dict)
     """Kinds of paint that are one texture each."""
     empty_share: float = 0.15
-    """Of the scenes, how many show no vehicle."""
+    """Share of the scenes without a vehicle."""
     empty_groups: tuple[str, ...] | None = None
-    """Kinds of paint on the things of these; None for those of the vehicles."""
+    """Kinds of paint on the things in those scenes; None for the kinds of the vehicles."""
 
     def group(self, picture: int, *, empty: bool) -> str:
         """The kind of paint in a picture, counted over all scenes."""

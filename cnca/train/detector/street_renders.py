@@ -38,11 +38,11 @@ SIZE = (256, 416)
 """Height and width of the pictures in pixels."""
 SAMPLES = 8
 VIEWS, WEATHERS = 8, 2
-"""Of a scene; every view is taken in every weather."""
+"""Per scene; every view is taken in every weather."""
 EMPTY_SHARE, FOG_SHARE = 0.25, 0.25
-"""Of the scenes, how many show loud things in place of the vehicle; of the weathers, fog."""
+"""Shares of the scenes with loud things in place of the vehicle, and of the weathers with fog."""
 LEAST_WIDTH, LEAST_SEEN = 9, 0.3
-"""Pixels and visible share from which a vehicle is one to find."""
+"""Pixels across and visible share from which on a vehicle is a target."""
 CAR = 0
 VEHICLES = ("car", "truck", "bus")
 """Traffic that counts as class ``car``."""

@@ -39,7 +39,7 @@ class TrainableDetector(ABC):
     ) -> dict[str, Float[Tensor, ""]]:
         """Return the losses by name; their sum is minimised.
 
-        ``images`` are sRGB in [0, 1] of the network's size; ``bfloat16`` allows to convolve so.
+        ``images`` are sRGB in [0, 1] of the network's size; ``bfloat16`` lets convolutions use it.
         """
 
     @abstractmethod

@@ -21,7 +21,7 @@ from cnca.train.loop import TrainingLoop
 from cnca.train.task import Recipe, Task
 
 WARM_UP, WEIGHT_DECAY, AVERAGING = 0.05, 0.02, 0.998
-"""Of all steps the share in which the step size grows; the others as in :class:`Recipe`."""
+"""Share of the steps in which the step size grows; the others as in :class:`Recipe`."""
 LARGEST_GRADIENT = 10.0
 FINE_TUNING = 0.25
 """Step size of fine-tuning relative to that of a training from scratch."""
@@ -53,7 +53,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class DetectorReport:
-    """What a training came to."""
+    """The result of a training."""
 
     settings: Settings
     test: dict[str, dict[str, float]]

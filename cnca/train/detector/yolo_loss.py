@@ -17,9 +17,9 @@ from cnca.train.detector.anchors import shape_iou
 
 BOX_WEIGHT = 3.0
 SHAPE_THRESHOLD = 0.5
-"""An anchor whose shape overlaps an object's by as much answers for it, as does the best one."""
+"""An anchor answers for an object from this overlap of their shapes on; so does the best one."""
 IGNORE_THRESHOLD = 0.6
-"""A box that overlaps an object by as much without answering for it is neither right nor wrong."""
+"""A box that overlaps an object by this much or more, and does not answer for it, is ignored."""
 
 
 @dataclass(frozen=True)

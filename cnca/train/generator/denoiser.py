@@ -6,8 +6,8 @@ in its range, and zero means "no wish".  They are added to the features of the e
 differ by position and so tell the cells apart; and the U-Net normalises each token before it pools
 them, which around zero would make the smallest F_adv as strong as the largest.
 
-They come first and alone: beside a text, which says more at a glance, the U-Net never learnt to
-look them up.
+They come first and alone: beside a text, which says more at a glance, the U-Net never learned
+to look them up.
 """
 
 from __future__ import annotations
