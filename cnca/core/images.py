@@ -31,7 +31,7 @@ MOST_NEGATIVE = 1e-3
 def read_texture_srgb(path: str | Path) -> SrgbArray:
     """Read a PNG, JPEG (taken as sRGB) or EXR (linear by its standard, encoded to sRGB here).
 
-    Alpha marks the UV islands: texels outside them (alpha 0) take the nearest colour inside, so
+    Alpha marks the UV islands: texels outside them (alpha 0) take the nearest color inside, so
     that no dark seams appear when the texture is filtered.
     Raises TextureError if the file is missing, unreadable, grey, wholly transparent, or holds NaN
     or values outside [0, 1].
@@ -54,8 +54,8 @@ def read_mask(path: str | Path) -> Bool[np.ndarray, "height width"]:
     Raises TextureError as :func:`read_texture_srgb` does, save that one channel is fine.
     """
     values = _read(Path(path))
-    colours = values[..., : 3 if values.shape[2] >= 3 else 1]
-    return colours.mean(axis=2) > 0.5
+    colors = values[..., : 3 if values.shape[2] >= 3 else 1]
+    return colors.mean(axis=2) > 0.5
 
 
 def read_radiance(path: str | Path) -> Float[np.ndarray, "height width 3"]:

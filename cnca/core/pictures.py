@@ -18,14 +18,14 @@ from cnca.core.files import replacing
 from cnca.core.types import Detections, SrgbImages
 
 SrgbPicture = UInt8[np.ndarray, "_ _ 3"]
-Colour = tuple[int, int, int]
+Color = tuple[int, int, int]
 Plate = tuple[int, int, int, int]
 """Left, top, right and bottom of the ground of a label, in pixels."""
 
-FOUND: Colour = (255, 64, 32)
-TRUTH: Colour = (32, 220, 64)
-LETTERS: Colour = (0, 0, 0)
-CAPTION: Colour = (255, 255, 255)
+FOUND: Color = (255, 64, 32)
+TRUTH: Color = (32, 220, 64)
+LETTERS: Color = (0, 0, 0)
+CAPTION: Color = (255, 255, 255)
 FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 CAPTION_HEIGHT = 22
 """Pixels above a tile that hold its caption."""
@@ -101,13 +101,13 @@ def _captioned(picture: SrgbPicture, text: str) -> SrgbPicture:
     return np.concatenate([band, picture])
 
 
-def _rectangle(picture: SrgbPicture, box: Sequence[float], colour: Colour) -> None:
+def _rectangle(picture: SrgbPicture, box: Sequence[float], color: Color) -> None:
     left, top, right, bottom = (round(value) for value in box)
-    cv2.rectangle(picture, (left, top), (right, bottom), colour, 2)
+    cv2.rectangle(picture, (left, top), (right, bottom), color, 2)
 
 
-def _write(picture: SrgbPicture, text: str, at: tuple[int, int], colour: Colour) -> None:
-    cv2.putText(picture, text, at, FONT, FONT_SCALE, colour, 1, cv2.LINE_AA)
+def _write(picture: SrgbPicture, text: str, at: tuple[int, int], color: Color) -> None:
+    cv2.putText(picture, text, at, FONT, FONT_SCALE, color, 1, cv2.LINE_AA)
 
 
 def _label(picture: SrgbPicture, text: str, box: Sequence[float], taken: list[Plate]) -> None:

@@ -34,7 +34,7 @@ class Options(BaseModel):
     size: tuple[Pixels, Pixels] | None = None
     """Height and width of the input in pixels, for graphs that leave them open."""
     channels: Literal["rgb", "bgr"] | None = None
-    """Order of the colours at the input."""
+    """Order of the colors at the input."""
     white: Positive | None = None
     """Value of white at the input, before ``mean`` and ``std``: 1 or 255."""
     mean: tuple[Finite, Finite, Finite] | None = None

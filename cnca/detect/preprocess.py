@@ -47,7 +47,7 @@ class Entry:
     std: Triple = (1.0, 1.0, 1.0)
     fit: Fit = "stretch"
     fill: float | None = None
-    """Grey beside the picture, 0 to 255; None is the colour that becomes 0 at the input."""
+    """Grey beside the picture, 0 to 255; None is the color that becomes 0 at the input."""
 
     def prepare(self, images: SrgbImages, size: tuple[int, int]) -> tuple[Tensor, Placement]:
         """Return the input of ``size`` (height, width), differentiable, and where pictures lie."""
@@ -57,10 +57,10 @@ class Entry:
         if self.fit == "stretch":
             fitted, placement = stretch(images, size)
         else:
-            colour = (
+            color = (
                 mean / self.white if self.fill is None else torch.full_like(mean, self.fill / 255)
             )
-            fitted, placement = letterbox(images, size, colour, centred=self.fit == "letterbox")
+            fitted, placement = letterbox(images, size, color, centred=self.fit == "letterbox")
         return (fitted * self.white - mean) / std, placement
 
 
@@ -79,11 +79,11 @@ def stretch(images: SrgbImages, size: tuple[int, int]) -> tuple[Resized, Placeme
 def letterbox(
     images: SrgbImages,
     size: tuple[int, int],
-    colour: Float[Tensor, "3 1 1"] | float,
+    color: Float[Tensor, "3 1 1"] | float,
     *,
     centred: bool,
 ) -> tuple[Resized, Placement]:
-    """Resize into ``size`` (height, width), keep the aspect ratio, fill the rest with ``colour``.
+    """Resize into ``size`` (height, width), keep the aspect ratio, fill the rest with ``color``.
 
     The picture lies in the middle, or else at the top left.
     """
@@ -92,7 +92,7 @@ def letterbox(
     inner = (max(1, int(images.shape[2] * ratio)), max(1, int(images.shape[3] * ratio)))
     top, left = ((height - inner[0]) // 2, (width - inner[1]) // 2) if centred else (0, 0)
     border = (left, width - inner[1] - left, top, height - inner[0] - top)
-    resized = functional.pad(_resize(images, inner) - colour, border) + colour
+    resized = functional.pad(_resize(images, inner) - color, border) + color
     scale = (inner[1] / images.shape[3], inner[0] / images.shape[2])
     return resized, Placement(scale, (float(left), float(top)))
 

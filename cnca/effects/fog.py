@@ -10,7 +10,7 @@ from cnca.effects.subject import Subject
 from cnca.scene.weather import Weather
 
 LIGHT = {
-    "airlight": "one colour instead of what droplets scatter",
+    "airlight": "one color instead of what droplets scatter",
     "single": "light that droplets scatter once",
     "field": "solved once, then looked up",
 }

@@ -6,14 +6,14 @@ reference's own paint, and gives a multiplicative and an additive map.  Light ad
     X_ref = k · X_nr0 + s,        the truth of any other paint = k · X_nr + s,
 
 k how much more light the paint scatters than the renderer believes, s what reaches the camera
-without the paint's colour: gloss, and fog in between.  So one pair of pictures tells the correction
+without the paint's color: gloss, and fog in between.  So one pair of pictures tells the correction
 of all paints, and the paper's net, which also reads X_nr, would have to unlearn it:
 
     X_ren = (1 + M) X_nr + A,    M = v (k̂ − 1) + m,    A = g (X_ref − X_nr0) − M X_nr0 + a.
 
-m and a are the network's maps, v and g trained numbers for each colour, all zero before training:
+m and a are the network's maps, v and g trained numbers for each color, all zero before training:
 it starts as the identity.  k̂ is the closed form for grey gloss: the slope of X_ref over X_nr0
-across a pixel's three colours (the dichromatic reflection model, Shafer 1985).  A grey paint tells
+across a pixel's three colors (the dichromatic reflection model, Shafer 1985).  A grey paint tells
 nothing of k; there a prior pulls k̂ to 1.
 
 Also ours: the paper masks the vehicle out before and adds the background after; here all pictures
@@ -51,7 +51,7 @@ GROUPS = 4
 DARKEST = 1e-2
 """Added below the logarithm that turns ratios of pictures into differences."""
 PRIOR = 1e-3
-"""Weight of k̂ = 1 beside a pixel's colours: their variance where both count alike."""
+"""Weight of k̂ = 1 beside a pixel's colors: their variance where both count alike."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ class EnvironmentFeatureRenderer(nn.Module):
 
 
 def paint_slope(traced: LinearImages, drawn: LinearImages) -> Float[Tensor, "batch 1 height width"]:
-    """k̂: the regression of X_ref on X_nr0 over a pixel's colours, 1 where these are all alike."""
+    """k̂: the regression of X_ref on X_nr0 over a pixel's colors, 1 where these are all alike."""
     off_traced, off_drawn = (p - p.mean(dim=1, keepdim=True) for p in (traced, drawn))
     together = (off_traced * off_drawn).mean(dim=1, keepdim=True)
     alone = off_drawn.square().mean(dim=1, keepdim=True)

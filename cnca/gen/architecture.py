@@ -81,7 +81,7 @@ def with_position_channels(vae: AutoencoderKL) -> AutoencoderKL:
 def denoiser() -> UNet2DConditionModel:
     """The U-Net: cross-attention at 8×8 and 16×16, and all tokens pooled into the time embedding.
 
-    The pooling (``addition_embed_type``) is the short way for colours: with cross-attention alone
+    The pooling (``addition_embed_type``) is the short way for colors: with cross-attention alone
     the text still had no effect after 2,000 steps.
     """
     return UNet2DConditionModel(
@@ -132,7 +132,7 @@ def text_encoder(tokenizer: CLIPTokenizer) -> CLIPTextModel:
 def scheduler() -> DDIMScheduler:
     """Stable Diffusion's noise schedule, v-prediction, with no signal left at the last step.
 
-    Zero terminal SNR (Lin et al. 2024) lets the sampler choose the mean colour freely.
+    Zero terminal SNR (Lin et al. 2024) lets the sampler choose the mean color freely.
     """
     return DDIMScheduler(
         beta_start=0.00085,

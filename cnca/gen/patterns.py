@@ -26,99 +26,99 @@ Pattern: TypeAlias = Callable[[np.random.Generator, Palette, float], Picture]
 _Y, _X = np.mgrid[0:SIZE, 0:SIZE].astype(np.float32)
 
 
-def graffiti(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
-    """Sprayed strokes with outlines, drips and blots over a wall in two colours."""
-    picture = _blend(_noise(rng, 2.5 * cell) > 0.5, colours[0], _pick(rng, colours))
+def graffiti(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
+    """Sprayed strokes with outlines, drips and blots over a wall in two colors."""
+    picture = _blend(_noise(rng, 2.5 * cell) > 0.5, colors[0], _pick(rng, colors))
     for _ in range(int(1200 / cell)):
-        colour, outline = _pick(rng, colours), _pick(rng, colours)
+        color, outline = _pick(rng, colors), _pick(rng, colors)
         stroke, width = _curve(rng, reach=1.4 * cell), int(cell * rng.uniform(0.2, 0.6))
-        for ink, thickness in ((outline, int(1.5 * width)), (colour, width)):
+        for ink, thickness in ((outline, int(1.5 * width)), (color, width)):
             cv2.polylines(picture, [stroke], False, ink.tolist(), thickness, cv2.LINE_AA)
         for x, y in stroke[rng.random(len(stroke)) < 0.05].tolist():
             below = (x, y + int(cell * rng.uniform(0.5, 1.2)))
-            cv2.line(picture, (x, y), below, colour.tolist(), max(2, width // 5), cv2.LINE_AA)
+            cv2.line(picture, (x, y), below, color.tolist(), max(2, width // 5), cv2.LINE_AA)
     for x, y in rng.integers(0, SIZE, (int(1000 / cell), 2)).tolist():
         radius = int(rng.uniform(0.04, 0.14) * cell) + 1
-        cv2.circle(picture, (x, y), radius, _pick(rng, colours).tolist(), -1, cv2.LINE_AA)
+        cv2.circle(picture, (x, y), radius, _pick(rng, colors).tolist(), -1, cv2.LINE_AA)
     return picture
 
 
-def camouflage(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def camouflage(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Flat patches cut out of layered noise."""
-    picture = np.broadcast_to(colours[0], (SIZE, SIZE, 3)).copy()
-    for colour in np.concatenate([colours[1:], colours[:1]]):
+    picture = np.broadcast_to(colors[0], (SIZE, SIZE, 3)).copy()
+    for color in np.concatenate([colors[1:], colors[:1]]):
         patch = _noise(rng, cell) + 0.35 * _noise(rng, cell / 2.5) > 0.79
-        picture[patch] = colour
+        picture[patch] = color
     return _soften(picture)
 
 
-def balls(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def balls(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Shaded balls, one before the other, lit from the upper left."""
-    picture = np.broadcast_to(0.35 * colours[0], (SIZE, SIZE, 3)).copy()
+    picture = np.broadcast_to(0.35 * colors[0], (SIZE, SIZE, 3)).copy()
     for x, y in rng.uniform(0, SIZE, (int(2.0 * (SIZE / cell) ** 2), 2)):
         radius = 0.5 * cell * rng.uniform(0.75, 1.25)
         box = _window(x, y, radius)
         dx, dy = (_X[box] - x) / radius, (_Y[box] - y) / radius
         height = np.sqrt(np.clip(1.0 - dx**2 - dy**2, 0.0, 1.0))
         light = np.clip(0.62 * height - 0.5 * dx - 0.5 * dy, 0.0, 1.0)
-        shaded = _pick(rng, colours) * (0.4 + 0.7 * light[..., None]) + light[..., None] ** 8 * 0.7
+        shaded = _pick(rng, colors) * (0.4 + 0.7 * light[..., None]) + light[..., None] ** 8 * 0.7
         coverage = np.clip((1.0 - np.hypot(dx, dy)) * radius, 0.0, 1.0)[..., None]
         picture[box] += coverage * (np.clip(shaded, 0.0, 1.0) - picture[box])
     return picture
 
 
-def dots(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def dots(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Round dots on a staggered grid."""
     u, v = _rotated(rng, cell)
     row = np.floor(v)
     column = np.floor(u + 0.5 * (row % 2))
     distance = np.hypot(u + 0.5 * (row % 2) - column - 0.5, v - row - 0.5)
-    dot = colours[1:][_hash(rng, column, row, len(colours) - 1)]
-    return _blend(_edge(0.32 - distance, cell), colours[0], dot)
+    dot = colors[1:][_hash(rng, column, row, len(colors) - 1)]
+    return _blend(_edge(0.32 - distance, cell), colors[0], dot)
 
 
-def snake(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
-    """Overlapping diamond scales whose colours follow larger blotches."""
+def snake(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
+    """Overlapping diamond scales whose colors follow larger blotches."""
     u, v = _rotated(rng, 0.75 * cell, max_angle=0.4)
     a, b = u + 0.6 * v, u - 0.6 * v
     i, j = np.floor(a), np.floor(b)
     ridge = np.minimum(np.minimum(a - i, i + 1 - a), np.minimum(b - j, j + 1 - b))
     blotch = np.sin(0.9 * (i + j)) + np.sin(0.9 * (i - j)) + _hash(rng, i, j, 100) / 100
-    scale = _steps(blotch, colours)
+    scale = _steps(blotch, colors)
     shade = np.clip(0.35 + 2.6 * ridge, 0.0, 1.0) * (0.8 + 0.35 * (a - i))
     return np.clip(scale * shade[..., None], 0.0, 1.0)
 
 
-def zebra(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
-    """Warped stripes that fork and taper, in the palette's first two colours."""
+def zebra(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
+    """Warped stripes that fork and taper, in the palette's first two colors."""
     u, _ = _rotated(rng, cell)
     warp = _noise(rng, 3.0 * cell) * 2.6 + _noise(rng, 1.2 * cell) * 0.5
-    return _blend(_edge(np.sin(2 * np.pi * (u + warp)), 0.15 * cell), colours[0], colours[1])
+    return _blend(_edge(np.sin(2 * np.pi * (u + warp)), 0.15 * cell), colors[0], colors[1])
 
 
-def stripes(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def stripes(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Straight bands at one angle."""
     u, _ = _rotated(rng, 0.7 * cell)
-    return _soften(colours[np.floor(u).astype(int) % len(colours)])
+    return _soften(colors[np.floor(u).astype(int) % len(colors)])
 
 
-def plaid(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def plaid(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Two sets of translucent bands woven at right angles, as in a tartan."""
     u, v = _rotated(rng, 2.0 * cell, max_angle=0.1)
-    sett = colours[rng.integers(len(colours), size=6)]
+    sett = colors[rng.integers(len(colors), size=6)]
     return 0.5 * (_soften(sett[_sixths(u)]) + _soften(sett[_sixths(v)]))
 
 
-def waves(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def waves(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Bands that swing like water."""
     u, v = _rotated(rng, cell, max_angle=0.3)
     height = v + 0.35 * np.sin(2 * np.pi * (0.5 * u + 0.3 * _noise(rng, 2.0 * cell)))
-    return _soften(colours[np.floor(2.0 * height).astype(int) % len(colours)])
+    return _soften(colors[np.floor(2.0 * height).astype(int) % len(colors)])
 
 
-def leaves(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def leaves(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Pointed leaves with a midrib, strewn at all angles."""
-    picture = np.broadcast_to(0.4 * colours[0], (SIZE, SIZE, 3)).copy()
+    picture = np.broadcast_to(0.4 * colors[0], (SIZE, SIZE, 3)).copy()
     along = np.linspace(0.0, 1.0, 12)
     half = np.sin(np.pi * along**0.8) * 0.26
     outline = np.concatenate([np.stack([along, half], 1), np.stack([along, -half], 1)[::-1]]) - 0.5
@@ -127,22 +127,22 @@ def leaves(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
         angle = rng.uniform(0, 2 * np.pi)
         axis = np.array([np.cos(angle), np.sin(angle)]) * cell * rng.uniform(0.8, 1.3)
         leaf = outline @ np.stack([axis, [-axis[1], axis[0]]]) + (x, y)
-        colour = _pick(rng, colours) * rng.uniform(0.75, 1.0)
-        cv2.fillPoly(picture, [leaf.astype(np.int32)], colour.tolist(), cv2.LINE_AA)
+        color = _pick(rng, colors) * rng.uniform(0.75, 1.0)
+        cv2.fillPoly(picture, [leaf.astype(np.int32)], color.tolist(), cv2.LINE_AA)
         tips = [tuple(int(t) for t in (x, y) + s * axis) for s in (-0.5, 0.5)]
-        cv2.line(picture, *tips, (0.6 * colour).tolist(), 1, cv2.LINE_AA)
+        cv2.line(picture, *tips, (0.6 * color).tolist(), 1, cv2.LINE_AA)
     return picture
 
 
-def flames(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def flames(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Tongues of fire that rise from the lower edge."""
     tongues = _noise(rng, 0.6 * cell, stretch=4.0) + 0.4 * _noise(rng, 0.35 * cell, stretch=2.5)
     heat = 0.75 * tongues + 1.1 * (_Y / SIZE) - 0.75
-    ground = 0.12 * colours[0]
-    return _ramp(np.clip(heat, 0.0, 1.0), np.concatenate([ground[None], colours]))
+    ground = 0.12 * colors[0]
+    return _ramp(np.clip(heat, 0.0, 1.0), np.concatenate([ground[None], colors]))
 
 
-def bricks(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def bricks(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """A running bond of bricks with pale joints."""
     u, v = _X / cell + rng.random(), 2.0 * _Y / cell + rng.random()
     row = np.floor(v)
@@ -150,35 +150,35 @@ def bricks(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
     column = np.floor(u)
     joint = np.minimum(0.5 - np.abs(u - column - 0.5), 0.5 * (0.5 - np.abs(v - row - 0.5)))
     grain = 0.85 + 0.3 * _noise(rng, 6.0)[..., None]
-    face = colours[_hash(rng, column, row, len(colours))] * grain
+    face = colors[_hash(rng, column, row, len(colors))] * grain
     return np.clip(_blend(_edge(joint - 0.04, cell), np.full(3, 0.78), face), 0.0, 1.0)
 
 
-def marble(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def marble(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Veins: stripes bent by turbulence."""
     u, _ = _rotated(rng, 1.6 * cell)
     vein = np.abs(np.sin(np.pi * (u + 2.2 * _fractal(rng, 2.0 * cell)))) ** 0.6
-    return _ramp(1.0 - vein, colours)
+    return _ramp(1.0 - vein, colors)
 
 
-def clouds(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
-    """Soft fractal billows between the palette's colours."""
-    return _ramp(np.clip(1.8 * _fractal(rng, 2.2 * cell) - 0.4, 0.0, 1.0), colours)
+def clouds(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
+    """Soft fractal billows between the palette's colors."""
+    return _ramp(np.clip(1.8 * _fractal(rng, 2.2 * cell) - 0.4, 0.0, 1.0), colors)
 
 
-def leopard(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
-    """Rosettes: dark broken rings around a darker centre, on the first colour."""
+def leopard(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
+    """Rosettes: dark broken rings around a darker centre, on the first color."""
     near, _, spread = _voronoi(rng, 0.8 * cell)
     ring = near / (0.8 * cell) + 0.3 * _noise(rng, 0.35 * cell) - 0.15
     mark = (np.abs(ring - 0.33) < 0.1) & (_noise(rng, 0.5 * cell) > 0.38)
-    body = _blend(ring < 0.28, colours[0], colours[0] * 0.75)
-    return _soften(_blend(mark, body, colours[1 + spread % (len(colours) - 1)]))
+    body = _blend(ring < 0.28, colors[0], colors[0] * 0.75)
+    return _soften(_blend(mark, body, colors[1 + spread % (len(colors) - 1)]))
 
 
-def mosaic(rng: np.random.Generator, colours: Palette, cell: float) -> Picture:
+def mosaic(rng: np.random.Generator, colors: Palette, cell: float) -> Picture:
     """Irregular flat tiles (Voronoi cells) with dark seams."""
     near, second, site = _voronoi(rng, cell)
-    tile = colours[site % len(colours)]
+    tile = colors[site % len(colors)]
     return _blend(_edge((second - near - 2.5) / cell, cell), np.full(3, 0.12), tile)
 
 
@@ -253,8 +253,8 @@ def _window(x: float, y: float, radius: float) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
-def _pick(rng: np.random.Generator, colours: Palette) -> Float[np.ndarray, "3"]:
-    return colours[rng.integers(len(colours))]
+def _pick(rng: np.random.Generator, colors: Palette) -> Float[np.ndarray, "3"]:
+    return colors[rng.integers(len(colors))]
 
 
 def _sixths(u: Field) -> Int[np.ndarray, "256 256"]:
@@ -279,14 +279,14 @@ def _soften(picture: Picture) -> Picture:
     return cv2.GaussianBlur(np.ascontiguousarray(picture, np.float32), (3, 3), 0.6)
 
 
-def _steps(field: Field, colours: Palette) -> Picture:
-    """Flat colours by equal shares of the field's range."""
+def _steps(field: Field, colors: Palette) -> Picture:
+    """Flat colors by equal shares of the field's range."""
     low, high = field.min(), field.max()
-    return colours[((field - low) / (high - low) * 0.999 * len(colours)).astype(int)]
+    return colors[((field - low) / (high - low) * 0.999 * len(colors)).astype(int)]
 
 
-def _ramp(field: Field, colours: Palette) -> Picture:
-    """Colours interpolated along ``field`` in [0, 1]."""
-    position = np.clip(field, 0.0, 1.0) * (len(colours) - 1)
-    below = np.minimum(position.astype(int), len(colours) - 2)
-    return _blend(position - below, colours[below], colours[below + 1])
+def _ramp(field: Field, colors: Palette) -> Picture:
+    """Colors interpolated along ``field`` in [0, 1]."""
+    position = np.clip(field, 0.0, 1.0) * (len(colors) - 1)
+    below = np.minimum(position.astype(int), len(colors) - 2)
+    return _blend(position - below, colors[below], colors[below + 1])

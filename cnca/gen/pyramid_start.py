@@ -1,8 +1,8 @@
-"""Initial weights that make an autoencoder a colour pyramid: it learns detail from step one.
+"""Initial weights that make an autoencoder a color pyramid: it learns detail from step one.
 
-From random weights a small autoencoder spends most of a short training on finding the colours.
+From random weights a small autoencoder spends most of a short training on finding the colors.
 Here the first six channels carry +RGB and −RGB; resnets start as identities, downsamplers as
-means of 2×2 pixels.  Two facts let colours pass what is not linear: SiLU(x) − SiLU(−x) = x, and
+means of 2×2 pixels.  Two facts let colors pass what is not linear: SiLU(x) − SiLU(−x) = x, and
 group normalisation over all channels at once keeps relations between channels, its divisor held
 steady by one constant channel.
 """
@@ -17,10 +17,10 @@ from diffusers.models.upsampling import Upsample2D
 from torch import nn
 
 CONSTANT = 2.0
-"""Value of the constant channel, large beside colours in [−1, 1]."""
+"""Value of the constant channel, large beside colors in [−1, 1]."""
 
 LOG_VARIANCE = -6.0
-"""Of the latents at the start: nearly deterministic, as noise would drown the colours."""
+"""Of the latents at the start: nearly deterministic, as noise would drown the colors."""
 
 
 @torch.no_grad()
@@ -62,9 +62,9 @@ def _spread(conv: nn.Conv2d) -> None:
     bias = conv.get_parameter("bias")
     bias.zero_()
     bias[6] = CONSTANT
-    for colour in range(3):
-        conv.weight[colour, colour, 1, 1] = 1.0
-        conv.weight[3 + colour, colour, 1, 1] = -1.0
+    for color in range(3):
+        conv.weight[color, color, 1, 1] = 1.0
+        conv.weight[3 + color, color, 1, 1] = -1.0
 
 
 def _gather(conv: nn.Conv2d) -> None:
@@ -72,6 +72,6 @@ def _gather(conv: nn.Conv2d) -> None:
     conv.weight.mul_(0.1)
     conv.get_parameter("bias").zero_()
     gain = 1.7 * (CONSTANT**2 / conv.in_channels) ** 0.5  # 1.7: measured
-    for colour in range(3):
-        conv.weight[colour, colour, 1, 1] = gain
-        conv.weight[colour, 3 + colour, 1, 1] = -gain
+    for color in range(3):
+        conv.weight[color, color, 1, 1] = gain
+        conv.weight[color, 3 + color, 1, 1] = -gain

@@ -1,6 +1,6 @@
 """Captioned procedural textures: what the shipped generator learns from.
 
-A caption is a scale word, colour words and a style word, each but the style optional, as in
+A caption is a scale word, color words and a style word, each but the style optional, as in
 "large yellow black graffiti".  Every picture follows from the random generator that is given.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from cnca.core.errors import GeneratorError, did_you_mean
 from cnca.gen import patterns
-from cnca.gen.palettes import BASE_COLOURS, COLORFUL, COLOUR_WORDS, palette
+from cnca.gen.palettes import BASE_COLORS, COLOR_WORDS, COLORFUL, palette
 from cnca.gen.patterns import Pattern, Picture
 
 PAPER_PROMPTS = (
@@ -36,7 +36,7 @@ class Style:
     pattern: Pattern
     nouns: tuple[str, ...]
     natural: str = COLORFUL
-    """Colour words that hold when a caption names none."""
+    """Color words that hold when a caption names none."""
 
 
 STYLES = {
@@ -69,8 +69,8 @@ class CaptionedTexture:
     caption: str
 
 
-def draw(style: str, colours: str, scale: str, rng: np.random.Generator) -> Picture:
-    """Paint ``style`` in ``colours`` ("" for its natural ones) at ``scale`` ("" for medium).
+def draw(style: str, colors: str, scale: str, rng: np.random.Generator) -> Picture:
+    """Paint ``style`` in ``colors`` ("" for its natural ones) at ``scale`` ("" for medium).
 
     Raises :class:`GeneratorError` for an unknown style.
     """
@@ -78,27 +78,27 @@ def draw(style: str, colours: str, scale: str, rng: np.random.Generator) -> Pict
         raise GeneratorError(f"unknown texture style '{style}'{did_you_mean(style, STYLES)}")
     chosen = STYLES[style]
     cell = SCALES[scale] * rng.uniform(0.85, 1.18)
-    return chosen.pattern(rng, palette(colours or chosen.natural, rng), cell)
+    return chosen.pattern(rng, palette(colors or chosen.natural, rng), cell)
 
 
 def sample(rng: np.random.Generator) -> CaptionedTexture:
     """Draw a random texture whose caption is none of :data:`PAPER_PROMPTS`."""
     while True:
         style = str(rng.choice(list(STYLES)))
-        colours, scale = _colour_words(rng), str(rng.choice(["small", "", "", "large"]))
+        colors, scale = _color_words(rng), str(rng.choice(["small", "", "", "large"]))
         noun = str(rng.choice(STYLES[style].nouns))
-        caption = " ".join(filter(None, (scale, colours, noun)))
+        caption = " ".join(filter(None, (scale, colors, noun)))
         if caption not in PAPER_PROMPTS:
-            return CaptionedTexture(draw(style, colours, scale, rng), caption)
+            return CaptionedTexture(draw(style, colors, scale, rng), caption)
 
 
-def _colour_words(rng: np.random.Generator) -> str:
-    """None (10 %), a single word (50 %, a fifth of them "colorful") or a pair of base colours."""
+def _color_words(rng: np.random.Generator) -> str:
+    """None (10 %), a single word (50 %, a fifth of them "colorful") or a pair of base colors."""
     kind = rng.random()
     if kind < 0.1:
         return ""
     if kind < 0.2:
         return COLORFUL
     if kind < 0.6:
-        return str(rng.choice(COLOUR_WORDS[1:]))
-    return " ".join(rng.choice(list(BASE_COLOURS), 2, replace=False))
+        return str(rng.choice(COLOR_WORDS[1:]))
+    return " ".join(rng.choice(list(BASE_COLORS), 2, replace=False))

@@ -219,7 +219,7 @@ def _renders(
 
 
 def _texture(rng: np.random.Generator, *, natural: bool) -> SrgbTexture:
-    """For the training one colour or random blocks; for the test patterns as prompts name them."""
+    """For the training one color or random blocks; for the test patterns as prompts name them."""
     if natural:
         return SrgbTexture(torch.from_numpy(textures.sample(rng).picture).permute(2, 0, 1).float())
     chance = torch.Generator().manual_seed(int(rng.integers(2**31)))

@@ -2,7 +2,7 @@
 
 =================  ==============================================================================
 ``normal``         the vehicle's own paint
-``uniform``        one random colour, another in each weather
+``uniform``        one random color, another in each weather
 ``random``         random blocks, others in each weather
 ``prompt``         a texture of the prompt with F_adv = 0
 ``NAME prompt``    the same, from the folder of the ``cnca optimize`` that found ``NAME``
@@ -43,7 +43,7 @@ Coat = Callable[[int], LinearTexture]
 class Candidate:
     """One ``--texture [NAME=]PATH[@SIDEm]``.
 
-    ``PATH`` is a UV picture, the folder of a ``cnca optimize``, or ``.npy`` colours for each face;
+    ``PATH`` is a UV picture, the folder of a ``cnca optimize``, or ``.npy`` colors for each face;
     with ``SIDE`` it is a square pattern that repeats every so many metres.
     """
 
@@ -91,7 +91,7 @@ def parse_candidates(specs: Sequence[str]) -> list[Candidate]:
 def read_candidate(candidate: Candidate, vehicle: Vehicle, size: int) -> SrgbTexture:
     """The UV texture of the vehicle, (3, height, width) in [0, 1].
 
-    Patterns and colours of faces are drawn at ``size`` texels per side.  Raises TextureError, which
+    Patterns and colors of faces are drawn at ``size`` texels per side.  Raises TextureError, which
     names the file, where it cannot be used.
     """
     path = candidate.picture

@@ -17,8 +17,8 @@ from cnca.core.types import SrgbTexture
 from cnca.gen.scorer import PromptScorer
 from cnca.judge.style import windows
 
-COLOUR_SIDE = 32
-"""Texels per side, after averaging, whose colours are looked at."""
+COLOR_SIDE = 32
+"""Texels per side, after averaging, whose colors are looked at."""
 
 LIGHTNESS = (15.0, 90.0)
 """L* between which Pointer's gamut is given."""
@@ -35,7 +35,7 @@ class Naturalness:
     total_variation: float
     """Mean absolute difference of neighbouring texels' display values, both ways, in [0, 2]."""
     real_colours: float
-    """Share of the texels as colourful as real surfaces can be: inside the gamut of Pointer 1980,
+    """Share of the texels as colorful as real surfaces can be: inside the gamut of Pointer 1980,
     made of 4089 samples of paints, inks, textiles and natural surfaces.  Lightness beyond its 15 to
     90 counts as 15 or 90: black and white paints are natural."""
     chroma: float
@@ -49,7 +49,7 @@ def naturalness(
 
     Raises :class:`GeneratorError` where the scorer cannot read the prompt.
     """
-    real, chroma = _colours(texture)
+    real, chroma = _colors(texture)
     return Naturalness(
         prompt_score=scorer.score(windows(texture), [prompt]).mean().item(),
         distance=(texture - unattacked).square().mean().sqrt().item(),
@@ -74,11 +74,11 @@ def total_variation(texture: SrgbTexture) -> float:
     return sum(texture.diff(dim=d).abs().mean().item() for d in (-2, -1))
 
 
-def _colours(texture: SrgbTexture) -> tuple[float, float]:
-    """Share of colours inside Pointer's gamut, and mean chroma."""
+def _colors(texture: SrgbTexture) -> tuple[float, float]:
+    """Share of colors inside Pointer's gamut, and mean chroma."""
     import colour  # slow to import
 
-    small: Tensor = F.adaptive_avg_pool2d(texture, COLOUR_SIDE)
+    small: Tensor = F.adaptive_avg_pool2d(texture, COLOR_SIDE)
     lab = colour.XYZ_to_Lab(colour.sRGB_to_XYZ(small.flatten(1).T.double().numpy()))
     chroma = np.hypot(lab[:, 1], lab[:, 2])
     hue = np.degrees(np.arctan2(lab[:, 2], lab[:, 1])) % 360

@@ -31,7 +31,7 @@ from torch import Tensor, nn
 from cnca.core.errors import GeneratorError, did_you_mean
 from cnca.core.files import replacing
 from cnca.core.types import SrgbImages, SrgbTexture
-from cnca.gen.palettes import COLOUR_WORDS
+from cnca.gen.palettes import COLOR_WORDS
 from cnca.gen.scorer import words
 from cnca.gen.textures import PAPER_PROMPTS, STYLES
 
@@ -48,7 +48,7 @@ WINDOW = 256
 """Texels per side that are looked at in one piece, as in the generator's textures."""
 SIDE = 96
 """Pixels per side to which a window is shrunk."""
-KNOWS = json.dumps({"styles": list(STYLES), "colors": list(COLOUR_WORDS)})
+KNOWS = json.dumps({"styles": list(STYLES), "colors": list(COLOR_WORDS)})
 """What the outputs stand for, kept beside the weights."""
 
 
@@ -59,7 +59,7 @@ class PromptMeaning:
     style: int
     """Its pattern's place in ``STYLES``."""
     colors: Float[Tensor, " words"]
-    """1 for each of ``COLOUR_WORDS`` that it names, or that its pattern has by nature; else 0."""
+    """1 for each of ``COLOR_WORDS`` that it names, or that its pattern has by nature; else 0."""
 
 
 def meaning(prompt: str) -> PromptMeaning:
@@ -77,9 +77,9 @@ def meaning(prompt: str) -> PromptMeaning:
             f"{', '.join(STYLES)}{next(filter(None, hints), '')}"
         )
     style = nouns[max(named, key=lambda noun: len(noun.split()))]
-    colors = [word for word in said if word in COLOUR_WORDS] or STYLES[style].natural.split()
+    colors = [word for word in said if word in COLOR_WORDS] or STYLES[style].natural.split()
     return PromptMeaning(
-        list(STYLES).index(style), torch.tensor([float(word in colors) for word in COLOUR_WORDS])
+        list(STYLES).index(style), torch.tensor([float(word in colors) for word in COLOR_WORDS])
     )
 
 
@@ -98,7 +98,7 @@ class StyleJudge(nn.Module):
             ResidualBlock(96, 128, stride=2),
         )
         self.style = nn.Linear(2 * 128, len(STYLES))
-        self.colors = nn.Linear(2 * 128, len(COLOUR_WORDS))
+        self.colors = nn.Linear(2 * 128, len(COLOR_WORDS))
 
     def forward(
         self, windows: SrgbImages

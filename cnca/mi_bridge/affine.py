@@ -2,7 +2,7 @@
 
     picture = constant + Σ_texels weight · texel,
 
-the weights a sparse matrix for each colour.  Base colour is linear in the BSDF, so a picture whose
+the weights a sparse matrix for each color.  Base color is linear in the BSDF, so a picture whose
 paths see the texture once is exactly this; its gradient is the transposed matrix.
 """
 
@@ -37,7 +37,7 @@ class AffinePicture:
     def megabytes(self) -> float:
         """Memory that keeping it takes."""
         shared = self.weights[0].indices.nbytes + self.weights[0].indptr.nbytes
-        values = sum(colour.data.nbytes for colour in self.weights)
+        values = sum(color.data.nbytes for color in self.weights)
         return (self.constant.nbytes + self.pixels.nbytes + shared + values) / 1e6
 
 
@@ -70,8 +70,8 @@ def texel_weights(
     starts = np.flatnonzero(new)
     ends = np.append(0, np.cumsum(new.sum(axis=1))).astype(np.int32)
     matrices = []
-    for colour in gain.transpose(2, 0, 1):
-        value = np.concatenate([colour * share for share in shares], axis=1)
+    for color in gain.transpose(2, 0, 1):
+        value = np.concatenate([color * share for share in shares], axis=1)
         value = np.take_along_axis(value, order, axis=1).ravel()
         data = np.add.reduceat(value, starts) if count else value
         matrices.append((data.astype(np.float32), texel.ravel()[starts], ends))
@@ -94,8 +94,8 @@ class _LookUp(torch.autograd.Function):
         texels = texture.detach().reshape(3, -1).numpy()
         images = np.stack([picture.constant for picture in pictures])
         for image, picture in zip(images, pictures, strict=True):
-            for colour in range(3):
-                image[picture.pixels, colour] += picture.weights[colour] @ texels[colour]
+            for color in range(3):
+                image[picture.pixels, color] += picture.weights[color] @ texels[color]
         return torch.from_numpy(images)
 
     @staticmethod
@@ -103,6 +103,6 @@ class _LookUp(torch.autograd.Function):
         (image_gradients,) = gradients
         total = np.zeros((3, ctx.shape[1] * ctx.shape[2]), np.float32)
         for picture, image in zip(ctx.pictures, image_gradients.numpy(), strict=True):
-            for colour in range(3):
-                total[colour] += picture.weights[colour].T @ image[picture.pixels, colour]
+            for color in range(3):
+                total[color] += picture.weights[color].T @ image[picture.pixels, color]
         return torch.from_numpy(total).reshape(ctx.shape), None

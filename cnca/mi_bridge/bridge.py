@@ -124,7 +124,7 @@ class Shot:
 
 
 class _Render(dr.CustomOp):
-    """(texture, shots) → exposed image of the cameras' film shape and 3 colours.
+    """(texture, shots) → exposed image of the cameras' film shape and 3 colors.
 
     The parts of a picture are taken one after the other, and only their sum is kept.
     """
@@ -136,7 +136,7 @@ class _Render(dr.CustomOp):
             first.geometry.bind(self.albedo)
             for shot, share in self._parts():
                 radiance = shot.primal(shot.seed)
-                dr.eval(radiance)  # once, not once for each colour that is averaged below
+                dr.eval(radiance)  # once, not once for each color that is averaged below
                 pixels = [average_samples(channel, shot.samples) for channel in radiance]
                 image += dr.ravel(mi.Color3f(*pixels)) * share
                 dr.eval(image)

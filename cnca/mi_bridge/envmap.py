@@ -96,7 +96,7 @@ class PhotographedGround:
     vehicle keeps off, and what it reflects, changes it in proportion (Debevec 1998).
 
     Rays leave it in proportion to what the sky adds to it, and each that escapes brings the same
-    light.  So open ground has no noise, and deep shade none; in half-shade all colours lose the
+    light.  So open ground has no noise, and deep shade none; in half-shade all colors lose the
     same share of the sky, their mean: its tint is neglected, and its texels below DIMMEST.
     """
 
@@ -164,7 +164,7 @@ def importance_table(sky: EnvironmentMap) -> DirectionTable:
 
 
 def _ground_table(environment: Environment, rotation: mi.Float) -> DirectionTable:
-    """Directions by the share of its light that they add to level ground, the mean of colours."""
+    """Directions by the share of its light that they add to level ground, the mean of colors."""
     irradiance = level_irradiance(environment)
     shares = environment.radiance @ np.where(irradiance > 0, 1 / np.maximum(irradiance, 1e-300), 0)
     light = _reduced(shares)

@@ -21,7 +21,7 @@ from cnca.vehicle.model import Part, Vehicle
 from cnca.world.model import World
 
 GROUND_RADIUS = 2000.0
-"""Metres; beyond it the sky map's lower half goes on with the same colour."""
+"""Metres; beyond it the sky map's lower half goes on with the same color."""
 ALBEDO_FLOOR = 1e-3
 """Darkest albedo a path sees: at 0 no path would carry the gradient."""
 

@@ -1,6 +1,6 @@
 """A path tracer for one sun, a sky and a fog layer whose light is known beforehand.
 
-The base colour of painted surfaces is the only differentiable quantity; geometry, light and fog
+The base color of painted surfaces is the only differentiable quantity; geometry, light and fog
 carry no derivatives.  So radiative backpropagation (Nimier-David et al. 2020) need not walk a path
 again, as path replay does (Vicini, Speierer & Jakob 2021): the kernel keeps eleven numbers of each
 reflection, which say how the path's light depends on the texel there once its end is known.  Memory
@@ -32,7 +32,7 @@ SLOPES = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
 class Reflection:
     """What a path leaves behind at a surface, for the gradient of its light in the albedo there.
 
-    A colour of light depends on the same colour of the albedo alone, and no density on any.
+    A color of light depends on the same color of the albedo alone, and no density on any.
     """
 
     uv: mi.Point2f

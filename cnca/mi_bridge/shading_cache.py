@@ -1,6 +1,6 @@
 """Path-traced shading that is kept: the paint's gloss, and the light that its texture multiplies.
 
-Base colour is linear in the BSDF, so the radiance of a camera ray that meets paint is
+Base color is linear in the BSDF, so the radiance of a camera ray that meets paint is
 
     L = airlight + T · (specular + irradiance · texel),
 

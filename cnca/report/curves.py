@@ -1,4 +1,4 @@
-"""Curves as SVG that takes its colours from the page, so that they read in light and dark."""
+"""Curves as SVG that takes its colors from the page, so that they read in light and dark."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from markupsafe import Markup
 from matplotlib import pyplot as plt
 
 INK = "#010203"
-"""A colour that nothing else has; the page's own takes its place."""
+"""A color that nothing else has; the page's own takes its place."""
 LINE = "#c8640a"
 """At least 3 : 1 on light and on dark paper."""
 SETTINGS: Any = {

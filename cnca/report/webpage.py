@@ -15,7 +15,7 @@ from markupsafe import Markup
 from cnca.core.pictures import SrgbPicture
 
 QUALITY = 90
-"""Of JPEG, with full resolution of colours."""
+"""Of JPEG, with full resolution of colors."""
 
 
 SHELL = Path(__file__).parent / "shell"

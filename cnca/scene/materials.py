@@ -1,7 +1,7 @@
 """How the parts of a vehicle reflect light: parameters of the Disney principled model.
 
 Source: B. Burley, "Physically Based Shading at Disney", SIGGRAPH 2012 course notes, section 5.
-Base colours are *linear* reflectances and stay inside the range of real car materials.
+Base colors are *linear* reflectances and stay inside the range of real car materials.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ class Material:
     """A principled surface; every value lies in [0, 1]."""
 
     base_color: LinearRgb
-    """Linear reflectance; for ``paint`` only the colour before a texture is given."""
+    """Linear reflectance; for ``paint`` only the color before a texture is given."""
     roughness: float
     """0 a mirror, 1 chalk; the microfacet width is its square, but at least 0.001."""
     specular: float = 0.5
     """Reflection at normal incidence as a fraction of 8 %: 0.5 is a refractive index of 1.5."""
     clearcoat: float = 0.0
-    """Strength of a second, colourless lacquer layer."""
+    """Strength of a second, colorless lacquer layer."""
     clearcoat_gloss: float = 0.0
     """0 satin lacquer, 1 mirror-like lacquer."""
     metallic: float = 0.0

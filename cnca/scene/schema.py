@@ -1,6 +1,6 @@
 """The scene file: what may stand in ``scenes/*.yaml`` and in which range.
 
-Lengths are in metres, angles in degrees, colours sRGB in [0, 1], paths relative to the scene file.
+Lengths are in metres, angles in degrees, colors sRGB in [0, 1], paths relative to the scene file.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class VehicleSection(Section):
     base_texture: str | None = None
     """Picture in UV space of everything that is not paint, and of the paint before an attack."""
     paint: Color = (0.75, 0.76, 0.78)
-    """sRGB colour of the plain paint where there is no base texture."""
+    """sRGB color of the plain paint where there is no base texture."""
     finish: FinishSection = FinishSection()
     """The paint's gloss."""
     glass_transmission: Unit = 0.0

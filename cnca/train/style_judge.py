@@ -20,7 +20,7 @@ from torch import Tensor
 
 from cnca.core.run_folder import RunFolder
 from cnca.core.types import SrgbImages
-from cnca.gen.palettes import COLOUR_WORDS
+from cnca.gen.palettes import COLOR_WORDS
 from cnca.gen.textures import STYLES
 from cnca.judge.style import SIDE, StyleJudge, meaning
 from cnca.train.generator import corpus
@@ -81,7 +81,7 @@ class StyleJudgeTask(Task[Labelled]):
             styles, colors = self.network(pictures)
         style = F.cross_entropy(styles.float(), wanted_styles, label_smoothing=SMOOTHING)
         color = F.binary_cross_entropy_with_logits(colors.float(), wanted_colors)
-        return {"style": style, "colors": len(COLOUR_WORDS) / 4 * color}
+        return {"style": style, "colors": len(COLOR_WORDS) / 4 * color}
 
 
 def train_style_judge(

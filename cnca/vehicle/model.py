@@ -33,7 +33,7 @@ class Vehicle:
     name: str
     parts: tuple[Part, ...]
     paint: Material = MATERIALS["paint"]
-    """How the paint reflects light; its colour is the texture's."""
+    """How the paint reflects light; its color is the texture's."""
     glass: Material = MATERIALS["glass"]
     """What the windows are made of."""
 

@@ -1,7 +1,7 @@
 """How well a vehicle's outline meets a photograph, and the lift that makes it meet best.
 
 GrabCut (Rother, Kolmogorov and Blake, 2004) parts the photograph into vehicle and surroundings: the
-projected mesh says roughly where the vehicle is, and within 15 pixels of its outline the colours
+projected mesh says roughly where the vehicle is, and within 15 pixels of its outline the colors
 and edges of the photograph decide.  Edges alone would not do: a lane marking or a kerb that runs
 along the roof is a stronger one than the roof's own.  The error is the distance in pixels from the
 points of either outline to the other one.
@@ -23,7 +23,7 @@ from cnca.vehicle.model import Vehicle
 REACH = 15
 """Pixels to either side of the projected outline in which the photograph decides."""
 _SURROUNDINGS = 4 * REACH
-"""Pixels around the vehicle whose colours stand for the surroundings'."""
+"""Pixels around the vehicle whose colors stand for the surroundings'."""
 _SUBPIXEL_BITS = 4
 
 
@@ -89,7 +89,7 @@ def photographed_silhouette(
     columns = slice(max(x - _SURROUNDINGS, 0), x + width + _SURROUNDINGS)
     near = np.ascontiguousarray(labels[rows, columns])
     picture = np.rint(photograph[rows, columns] * 255).astype(np.uint8)
-    cv2.setRNGSeed(0)  # the first clusters of colours are drawn at random
+    cv2.setRNGSeed(0)  # the first clusters of colors are drawn at random
     cv2.grabCut(picture, near, None, None, None, 5, cv2.GC_INIT_WITH_MASK)
     cut = np.zeros_like(covered)
     cut[rows, columns] = np.isin(near, (cv2.GC_FGD, cv2.GC_PR_FGD))

@@ -33,7 +33,7 @@ def material_surface(mesh: trimesh.Trimesh) -> Surface:
 
 
 def _from_gltf(material: Any) -> Surface:
-    """glTF 2.0, section 3.9: factors are linear, the picture of the base colour is sRGB."""
+    """glTF 2.0, section 3.9: factors are linear, the picture of the base color is sRGB."""
     factor = np.ones(4) if material.baseColorFactor is None else _unit(material.baseColorFactor)
     texture, opacity = _picture(material.baseColorTexture)
     if material.alphaMode not in ("MASK", "BLEND"):

@@ -1,4 +1,4 @@
-"""The terminal: examples that parse, completion, quiet progress, no unwanted colours."""
+"""The terminal: examples that parse, completion, quiet progress, no unwanted colors."""
 
 import os
 import re
@@ -152,7 +152,7 @@ def test_quiet_is_an_option_before_the_command(monkeypatch):
     assert answer.stderr.startswith("error: nowhere: no scene files")
 
 
-def test_no_color_takes_the_colours_away(monkeypatch):
-    colour = re.compile(r"\x1b\[[0-9;]*3[0-7]")
-    assert colour.search(_shown(monkeypatch))
-    assert not colour.search(_shown(monkeypatch, NO_COLOR="1"))
+def test_no_color_takes_the_colors_away(monkeypatch):
+    color = re.compile(r"\x1b\[[0-9;]*3[0-7]")
+    assert color.search(_shown(monkeypatch))
+    assert not color.search(_shown(monkeypatch, NO_COLOR="1"))

@@ -59,17 +59,17 @@ def test_layers_of_different_size_are_refused(tmp_path, gradient):
         images.write_exr(tmp_path / "t.exr", {"": gradient, "depth": gradient[1:, :, 0]})
 
 
-def test_masks_may_be_grey_or_coloured(tmp_path):
+def test_masks_may_be_grey_or_colored(tmp_path):
     half = np.zeros((2, 4), np.uint8)
     half[:, 2:] = 255
     cv2.imwrite(str(tmp_path / "grey.png"), half)
-    cv2.imwrite(str(tmp_path / "colour.png"), np.dstack([half] * 3))
+    cv2.imwrite(str(tmp_path / "color.png"), np.dstack([half] * 3))
     expected = [[False, False, True, True]] * 2
-    for name in ("grey.png", "colour.png"):
+    for name in ("grey.png", "color.png"):
         np.testing.assert_array_equal(images.read_mask(tmp_path / name), expected)
 
 
-def test_texels_outside_the_islands_take_the_nearest_colour(tmp_path):
+def test_texels_outside_the_islands_take_the_nearest_color(tmp_path):
     picture = np.zeros((1, 6, 4), np.uint8)
     picture[0, 0] = (0, 0, 255, 255)  # OpenCV's order: blue, green, red, alpha
     picture[0, 5] = (255, 0, 0, 128)

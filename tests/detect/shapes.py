@@ -1,4 +1,4 @@
-"""A data set of coloured shapes on noise: rectangles are the objects, discs are none."""
+"""A data set of colored shapes on noise: rectangles are the objects, discs are none."""
 
 import json
 
@@ -23,8 +23,8 @@ def write_shapes(folder, count, *, size=64, seed=0):
             extent = random.integers(size // 4, size // 2, 2)
             low = random.integers(0, size - extent)
             left, top, right, bottom = (*low.tolist(), *(low + extent).tolist())
-            colour = random.uniform(200, 255, 3) if group == "bright" else random.uniform(0, 50, 3)
-            cv2.rectangle(picture, (left, top), (right - 1, bottom - 1), colour.tolist(), -1)
+            color = random.uniform(200, 255, 3) if group == "bright" else random.uniform(0, 50, 3)
+            cv2.rectangle(picture, (left, top), (right - 1, bottom - 1), color.tolist(), -1)
             boxes[-1].append([left, top, right, bottom, 0])
         pictures.append(np.clip(picture, 0, 255).astype(np.uint8))
     folder.mkdir(parents=True, exist_ok=True)

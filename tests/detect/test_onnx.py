@@ -280,7 +280,7 @@ class TestInput:
             ("", [(204 - 123.675) / 58.395, (102 - 116.28) / 57.12, (51 - 103.53) / 57.375]),
         ],
     )
-    def test_colours(self, tmp_path, text, expected):
+    def test_colors(self, tmp_path, text, expected):
         assert self.echo(tmp_path, text) == pytest.approx(expected, rel=1e-4)
 
     def test_channels_last_and_bytes(self, tmp_path):

@@ -41,7 +41,7 @@ def test_gloss_and_light_that_a_renderer_leaves_out_come_back():
     torch.testing.assert_close(efr(light * paint, [reference]), 0.25 * light * paint + gloss)
 
 
-def test_a_colourful_paint_tells_shadow_from_grey_gloss():
+def test_a_colorful_paint_tells_shadow_from_grey_gloss():
     """Without any training of the maps: X_ren is the truth in every other paint."""
     efr, light, shadow = EnvironmentFeatureRenderer((4, 8)), pictures(0), pictures(1)
     red, gloss = torch.tensor([0.6, 0.1, 0.1]).reshape(1, 3, 1, 1), pictures(2)

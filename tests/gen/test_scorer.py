@@ -13,22 +13,22 @@ from cnca.gen.clip_scorer import DEVIATION, MEAN
 from cnca.gen.scorer import BagScorer, load_scorer, right_prompts, words
 from cnca.train import scorer as train_scorer
 
-COLOURS = {"red": (1.0, 0, 0), "green": (0, 1.0, 0), "blue": (0, 0, 1.0), "white": (1.0, 1, 1)}
+COLORS = {"red": (1.0, 0, 0), "green": (0, 1.0, 0), "blue": (0, 0, 1.0), "white": (1.0, 1, 1)}
 
 
-def plain(colour: str) -> torch.Tensor:
-    return torch.tensor(COLOURS[colour]).view(3, 1, 1).expand(3, 64, 64)
+def plain(color: str) -> torch.Tensor:
+    return torch.tensor(COLORS[color]).view(3, 1, 1).expand(3, 64, 64)
 
 
 def test_words_are_lower_case_letters():
     assert words("Yellow-Black graffiti, 2!") == ["yellow", "black", "graffiti"]
 
 
-def test_a_scorer_learns_colours_and_comes_back_from_its_file(tmp_path):
+def test_a_scorer_learns_colors_and_comes_back_from_its_file(tmp_path):
     torch.manual_seed(0)
-    model = BagScorer([*COLOURS, "paint"])
-    pictures = torch.stack([plain(name) for name in COLOURS])
-    prompts = [f"{name} paint" for name in COLOURS]
+    model = BagScorer([*COLORS, "paint"])
+    pictures = torch.stack([plain(name) for name in COLORS])
+    prompts = [f"{name} paint" for name in COLORS]
     optimizer = torch.optim.Adam(model.parameters(), lr=3e-3)
     for _ in range(60):
         optimizer.zero_grad()
@@ -78,7 +78,7 @@ def test_right_prompts_counts_hits_among_other_words():
         right_prompts(Perfect(), pictures, prompts, choices=10, seed=0)
 
 
-def test_varied_pictures_keep_their_mean_colour():
+def test_varied_pictures_keep_their_mean_color():
     pictures = torch.rand(6, 3, 64, 64, generator=torch.Generator().manual_seed(0))
     changed = train_scorer.varied(pictures, torch.Generator().manual_seed(1))
     assert changed.shape == pictures.shape

@@ -47,7 +47,7 @@ def test_latents_have_the_deviation_of_the_noise(painted):
     assert (vae.decode(means).sample / 2 + 0.5 - painted).abs().mean() < 0.04
 
 
-def test_colours_are_as_muted_as_those_it_was_trained_on(shipped, painted):
+def test_colors_are_as_muted_as_those_it_was_trained_on(shipped, painted):
     def at_the_ends(pictures: torch.Tensor) -> float:
         return ((pictures == 0) | (pictures == 1)).float().mean().item()
 
@@ -57,7 +57,7 @@ def test_colours_are_as_muted_as_those_it_was_trained_on(shipped, painted):
 
 
 @pytest.mark.parametrize(("word", "channel"), [("red", 0), ("green", 1), ("blue", 2)])
-def test_colour_words_colour_the_picture(shipped, word, channel):
+def test_color_words_color_the_picture(shipped, word, channel):
     means = paint(shipped, f"{word} camouflage").mean(dim=(1, 2))
     others = [means[c] for c in range(3) if c != channel]
     assert means[channel] > max(others) + 0.1
@@ -67,7 +67,7 @@ def distance(one, other) -> float:
     return (one - other).abs().mean().item()
 
 
-def test_prompts_of_other_colours_give_other_textures(shipped):
+def test_prompts_of_other_colors_give_other_textures(shipped):
     prompts = ("colorful graffiti", "yellow black graffiti", "snake texture", "zebra strips")
     pictures = [paint(shipped, prompt) for prompt in prompts]
     for i, one in enumerate(pictures):

@@ -6,14 +6,14 @@ import pytest
 
 from cnca.core.errors import GeneratorError
 from cnca.gen import textures
-from cnca.gen.palettes import COLOUR_WORDS
+from cnca.gen.palettes import COLOR_WORDS
 
 
 @pytest.mark.parametrize("style", textures.STYLES)
-@pytest.mark.parametrize("colours", ["", "colorful", "red", "yellow black", "desert"])
+@pytest.mark.parametrize("colors", ["", "colorful", "red", "yellow black", "desert"])
 @pytest.mark.parametrize("scale", textures.SCALES)
-def test_every_style_paints_every_palette(style, colours, scale):
-    picture = textures.draw(style, colours, scale, np.random.default_rng(1))
+def test_every_style_paints_every_palette(style, colors, scale):
+    picture = textures.draw(style, colors, scale, np.random.default_rng(1))
     assert picture.shape == (256, 256, 3)
     assert np.isfinite(picture).all()
     assert -1e-6 <= picture.min() < picture.max() <= 1 + 1e-6
@@ -37,11 +37,11 @@ def test_the_paper_s_prompts_are_held_out_as_wholes_but_not_as_words(monkeypatch
 
 
 @pytest.mark.parametrize(
-    ("colours", "hue"), [("red", 0), ("yellow", 50), ("green", 134), ("blue", 223)]
+    ("colors", "hue"), [("red", 0), ("yellow", 50), ("green", 134), ("blue", 223)]
 )
 @pytest.mark.parametrize("style", ["camouflage", "waves", "marble", "mosaic"])
-def test_colour_words_give_their_hue(style, colours, hue):
-    picture = textures.draw(style, colours, "", np.random.default_rng(2)).astype(np.float32)
+def test_color_words_give_their_hue(style, colors, hue):
+    picture = textures.draw(style, colors, "", np.random.default_rng(2)).astype(np.float32)
     degrees, saturation, _ = cv2.split(cv2.cvtColor(picture, cv2.COLOR_RGB2HSV))
     strong = degrees[saturation > 0.4]
     away = np.abs((strong - hue + 180) % 360 - 180)
@@ -51,7 +51,7 @@ def test_colour_words_give_their_hue(style, colours, hue):
 def test_unknown_styles_are_named_with_the_nearest():
     with pytest.raises(GeneratorError, match="did you mean 'graffiti'"):
         textures.draw("grafiti", "", "", np.random.default_rng(0))
-    assert "colorful" in COLOUR_WORDS
+    assert "colorful" in COLOR_WORDS
 
 
 def test_painting_is_fast_enough_to_train_from():

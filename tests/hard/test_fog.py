@@ -56,9 +56,9 @@ def test_fog_that_lets_nothing_through_is_black():
 def test_light_that_nothing_absorbs_is_the_same_everywhere_in_deep_fog():
     """No net flux, so the radiance is isotropic and the meter's white card is as bright as all."""
     images = look("fog_conserving").images
-    colour = images.mean(axis=(0, 1, 3, 4))
-    assert largest_z(images, np.broadcast_to(colour[:, None, None], images.shape)) < DIFFERENT
-    assert colour.mean() == pytest.approx(1, rel=1e-3)
+    color = images.mean(axis=(0, 1, 3, 4))
+    assert largest_z(images, np.broadcast_to(color[:, None, None], images.shape)) < DIFFERENT
+    assert color.mean() == pytest.approx(1, rel=1e-3)
 
 
 @pytest.mark.parametrize(("name", "in_fog"), [("inside", 1.9), ("on_top", 2.0), ("above", 2.0)])

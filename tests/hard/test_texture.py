@@ -11,7 +11,7 @@ from cnca.mi_bridge.geometry import ALBEDO_FLOOR
 from tests.hard.looks import Stage, look
 
 STRIPES = torch.tensor([[200, 60, 60], [60, 200, 60], [60, 60, 200]]) / 255
-"""sRGB colours from u = 0 to u = 1 of ``textures/stripes_48x16.png``."""
+"""sRGB colors from u = 0 to u = 1 of ``textures/stripes_48x16.png``."""
 
 
 def test_black_and_white_paint_learn_as_grey_paint_does():
@@ -38,7 +38,7 @@ def test_the_number_of_texels_does_not_show():
 
 
 def test_a_texture_that_is_not_square_is_stretched_over_the_atlas():
-    """Each third of the atlas from left to right has one colour."""
+    """Each third of the atlas from left to right has one color."""
     stage = Stage("texture_not_square")
     white, painted = albedo(stage, torch.ones_like(stage.texture)), albedo(stage, stage.texture)
     paint = (white > 0.99).all(axis=-1)

@@ -124,7 +124,7 @@ def test_a_picture_is_taken_as_it_is_and_a_pattern_is_projected(tmp_path):
     assert torch.equal(texture, torch.from_numpy(expected).permute(2, 0, 1))
 
 
-def test_colours_of_faces_come_from_an_array(tmp_path):
+def test_colors_of_faces_come_from_an_array(tmp_path):
     np.save(tmp_path / "FCA.npy", np.full((1, FACES, 2, 2, 2, 3), 0.25))
     _, texture = read(str(tmp_path / "FCA.npy"))
     assert texture.shape == (3, 64, 64)

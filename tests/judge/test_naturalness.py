@@ -15,8 +15,8 @@ class Half:
         return torch.full((len(pictures), len(prompts)), 0.5)
 
 
-def plain(*colour: float) -> torch.Tensor:
-    return torch.tensor(colour).view(3, 1, 1).expand(3, 64, 64)
+def plain(*color: float) -> torch.Tensor:
+    return torch.tensor(color).view(3, 1, 1).expand(3, 64, 64)
 
 
 def test_a_plain_grey_is_natural_and_without_variation():
@@ -29,7 +29,7 @@ def test_a_plain_grey_is_natural_and_without_variation():
 
 
 @pytest.mark.parametrize(
-    ("colour", "real"),
+    ("color", "real"),
     [
         ((0.6, 0.1, 0.1), 1),  # a car's red
         ((0.95, 0.95, 0.95), 1),
@@ -38,8 +38,8 @@ def test_a_plain_grey_is_natural_and_without_variation():
         ((1.0, 0.0, 1.0), 0),
     ],
 )
-def test_colours_that_no_surface_has(colour, real):
-    assert naturalness(plain(*colour), plain(*colour), "", Half()).real_colours == real
+def test_colors_that_no_surface_has(color, real):
+    assert naturalness(plain(*color), plain(*color), "", Half()).real_colours == real
 
 
 def test_total_variation_of_stripes():

@@ -10,7 +10,7 @@ from safetensors.torch import load_file, save_file
 
 import cnca
 from cnca.core.errors import GeneratorError
-from cnca.gen.palettes import COLOUR_WORDS
+from cnca.gen.palettes import COLOR_WORDS
 from cnca.gen.textures import PAPER_PROMPTS, STYLES, draw
 from cnca.judge.style import SHIPPED_JUDGE, TEN_PROMPTS, WINDOW, StyleJudge, meaning, windows
 
@@ -73,7 +73,7 @@ def test_its_answers_carry_no_gradient(shipped):
 def test_reads_prompts(prompt, style, colors):
     read = meaning(prompt)
     assert list(STYLES)[read.style] == style
-    assert {w for w, there in zip(COLOUR_WORDS, read.colors, strict=True) if there} == colors
+    assert {w for w, there in zip(COLOR_WORDS, read.colors, strict=True) if there} == colors
 
 
 def test_the_ten_prompts_are_the_papers_six_and_four_that_mean_something_else():

@@ -47,7 +47,7 @@ def test_clear_air_agrees_with_mitsubas_path(renderer, light, painted):
     on_vehicle = renderer.vehicle_mask([view])[0] == 1
     z = (difference / np.sqrt(variance / len(runs) + 1e-12))[on_vehicle]
     assert np.abs(z.mean()) < 0.3
-    assert z.std() < 1.6  # Student's t with 14 degrees of freedom, colours correlated
+    assert z.std() < 1.6  # Student's t with 14 degrees of freedom, colors correlated
     relative, error = bias([x[on_vehicle] for x in ours], [x[on_vehicle] for x in theirs])
     assert abs(relative) < 0.005 + 3 * error
 
@@ -102,7 +102,7 @@ def test_a_vehicle_in_fog_agrees_with_volpath(renderer, light, painted):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("visibility", [300, 100, 30])
-def test_bias_of_a_vehicle_of_many_colours(renderer, light, painted, visibility):
+def test_bias_of_a_vehicle_of_many_colors(renderer, light, painted, visibility):
     fog = Fog(visibility, height=60)
     relative, error = vehicle_bias(renderer, light, fog, size=24, samples=256, runs=8)
     print(f"visibility {visibility} m: bias {relative:+.2%} ± {error:.2%}")

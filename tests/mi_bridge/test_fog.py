@@ -25,7 +25,7 @@ SOLID_ANGLES = sky_solid_angles(ROWS, COLUMNS)
 
 
 def net_flux(field: FogField, light: Light) -> np.ndarray:
-    """Downward minus upward irradiance at each level, mean of the colours."""
+    """Downward minus upward irradiance at each level, mean of the colors."""
     cosine = (DIRECTIONS[..., 2] * SOLID_ANGLES)[None, ..., None]
     diffuse = (field.radiance * cosine).sum(axis=(1, 2))
     return (diffuse + field.sun * max(light.sun_direction[2], 0)).mean(axis=1)

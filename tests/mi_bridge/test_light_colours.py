@@ -1,4 +1,4 @@
-"""Colours of sun and sky by the sun's altitude, against colour-science."""
+"""Colors of sun and sky by the sun's altitude, against colour-science."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def through_air(altitude: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("altitude", ALTITUDES)
-def test_the_sun_has_the_colour_of_a_black_body_behind_air(altitude):
+def test_the_sun_has_the_color_of_a_black_body_behind_air(altitude):
     """Ozone and dust, which that lacks, make it redder by up to a tenth."""
     light = make_light(Weather(sun_altitude=altitude, turbidity=1), GROUND)
     ours, expected = chromaticity(light.sun_irradiance), through_air(altitude)

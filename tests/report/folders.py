@@ -1,4 +1,4 @@
-"""Run folders in which every picture has a colour of its own: a browser shows which it is."""
+"""Run folders in which every picture has a color of its own: a browser shows which it is."""
 
 import json
 from pathlib import Path
@@ -31,8 +31,8 @@ MANIFEST = {
 }
 
 
-def flat(colour) -> np.ndarray:
-    return np.full((SIDE, SIDE, 3), colour, np.uint8)
+def flat(color) -> np.ndarray:
+    return np.full((SIDE, SIDE, 3), color, np.uint8)
 
 
 def attack(folder: Path, after=BLUE) -> Path:
@@ -57,10 +57,10 @@ def attack(folder: Path, after=BLUE) -> Path:
 def evaluation(folder: Path) -> Path:
     """A ``cnca evaluate`` of one texture: normal is red, random green, the texture blue."""
     rows = {"normal": RED, "random": GREEN, "my prompt": WHITE, "my": BLUE}
-    for row, colour in rows.items():
+    for row, color in rows.items():
         own = folder / "pictures" / "sunny" / row.replace(" ", "~")
         own.mkdir(parents=True)
-        pictures = np.stack([flat(colour).transpose(2, 0, 1)] * 3)
+        pictures = np.stack([flat(color).transpose(2, 0, 1)] * 3)
         for weather in range(2):
             np.savez(own / f"weather{weather:02d}.npz", key="", pictures=pictures)
     (folder / "results.json").write_text(json.dumps({"scenes": ["sunny"], "rows": list(rows)}))

@@ -19,21 +19,21 @@ def report(tmp_path):
     """The address of the report of a kind of run; its turntable is red, then green, then blue."""
 
     def write(kind) -> str:
-        frames = [jpeg_uri(folders.flat(colour)) for colour in (RED, GREEN, BLUE)]
+        frames = [jpeg_uri(folders.flat(color)) for color in (RED, GREEN, BLUE)]
         return write_report(kind(tmp_path / "run"), [Turntable("my car", frames)]).as_uri()
 
     return write
 
 
-def colour_at(locator, across: float) -> tuple[int, ...]:
+def color_at(locator, across: float) -> tuple[int, ...]:
     """What is really on the screen at this share of an element's width, halfway up."""
     shot = cv2.imdecode(np.frombuffer(locator.screenshot(), np.uint8), cv2.IMREAD_COLOR)
     blue, green, red = shot[len(shot) // 2, round(across * (shot.shape[1] - 1))].tolist()
     return red, green, blue
 
 
-def near(colour):
-    return pytest.approx(colour, abs=6)  # JPEG rounds
+def near(color):
+    return pytest.approx(color, abs=6)  # JPEG rounds
 
 
 def drag(page, locator, start: float, end: float):
@@ -47,13 +47,13 @@ def test_the_divider_follows_the_mouse(open_page, report):
     page = open_page(report(folders.attack))
     frame = page.locator(".slider .frame")
     frame.scroll_into_view_if_needed()
-    assert colour_at(frame, 0.4) == near(RED)
-    assert colour_at(frame, 0.6) == near(BLUE)
+    assert color_at(frame, 0.4) == near(RED)
+    assert color_at(frame, 0.6) == near(BLUE)
     drag(page, frame, 0.5, 0.2)
-    assert colour_at(frame, 0.1) == near(RED)
-    assert colour_at(frame, 0.4) == near(BLUE)
+    assert color_at(frame, 0.1) == near(RED)
+    assert color_at(frame, 0.4) == near(BLUE)
     drag(page, frame, 0.2, 0.8)
-    assert colour_at(frame, 0.6) == near(RED)
+    assert color_at(frame, 0.6) == near(RED)
 
 
 def test_the_divider_and_the_view_follow_the_keyboard(open_page, report):
@@ -61,10 +61,10 @@ def test_the_divider_and_the_view_follow_the_keyboard(open_page, report):
     slider = page.locator(".slider")
     slider.get_by_role("slider").focus()
     page.keyboard.press("End")
-    assert colour_at(slider.locator(".frame"), 0.95) == near(RED)
+    assert color_at(slider.locator(".frame"), 0.95) == near(RED)
     slider.get_by_label("View").focus()
     page.keyboard.press("ArrowDown")
-    assert colour_at(slider.locator(".frame"), 0.95) == near(WHITE)
+    assert color_at(slider.locator(".frame"), 0.95) == near(WHITE)
     # View 2 of 4 out of 8 held-out ones is the third of these.
     assert (
         slider.locator("figcaption").inner_text().split()
@@ -78,18 +78,18 @@ def test_the_divider_and_the_view_follow_the_keyboard(open_page, report):
 def test_other_textures_are_chosen(open_page, report):
     page = open_page(report(folders.evaluation))
     slider = page.locator(".slider")
-    assert colour_at(slider.locator(".frame"), 0.7) == near(BLUE)  # the candidate comes first
+    assert color_at(slider.locator(".frame"), 0.7) == near(BLUE)  # the candidate comes first
     slider.get_by_label("Compared with").select_option("random")
-    assert colour_at(slider.locator(".frame"), 0.3) == near(RED)
-    assert colour_at(slider.locator(".frame"), 0.7) == near(GREEN)
+    assert color_at(slider.locator(".frame"), 0.3) == near(RED)
+    assert color_at(slider.locator(".frame"), 0.7) == near(GREEN)
 
 
 def test_the_runs_of_a_comparison_are_chosen(open_page, report):
     page = open_page(report(folders.tradeoff))
     slider = page.locator(".slider")
-    assert colour_at(slider.locator(".frame"), 0.7) == near(BLUE)
+    assert color_at(slider.locator(".frame"), 0.7) == near(BLUE)
     slider.get_by_label("Compared with").select_option("τ = 1")
-    assert colour_at(slider.locator(".frame"), 0.7) == near(GREEN)
+    assert color_at(slider.locator(".frame"), 0.7) == near(GREEN)
 
 
 def test_the_turntable_turns_by_mouse_and_keyboard(open_page, report):
@@ -97,12 +97,12 @@ def test_the_turntable_turns_by_mouse_and_keyboard(open_page, report):
     turntable = page.locator(".turntable")
     frame = turntable.locator(".frame")
     frame.scroll_into_view_if_needed()
-    assert colour_at(frame, 0.5) == near(RED)
+    assert color_at(frame, 0.5) == near(RED)
     drag(page, frame, 0.1, 0.98)
-    assert colour_at(frame, 0.5) == near(BLUE)
+    assert color_at(frame, 0.5) == near(BLUE)
     turntable.get_by_role("slider").focus()
     page.keyboard.press("ArrowLeft")
-    assert colour_at(frame, 0.5) == near(GREEN)
+    assert color_at(frame, 0.5) == near(GREEN)
     assert turntable.get_by_role("img").get_attribute("alt") == "my car, 120° from the front"
 
 
@@ -173,8 +173,8 @@ def test_prints_both_sides_and_what_was_folded(open_page, report):
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     left, right = page.locator(".slider .frame img:not([hidden])").all()
     assert left.bounding_box()["x"] + left.bounding_box()["width"] <= right.bounding_box()["x"]
-    assert colour_at(left, 0.9) == near(RED)
-    assert colour_at(right, 0.1) == near(BLUE)
+    assert color_at(left, 0.9) == near(RED)
+    assert color_at(right, 0.1) == near(BLUE)
     assert page.get_by_text(folders.MANIFEST["inputs"]["scene.yaml"]).is_visible()
     assert not page.get_by_label("View").is_visible()
     assert page.pdf(format="A4").startswith(b"%PDF")

@@ -86,7 +86,7 @@ def test_markdown_escapes_and_names_rows():
     assert "[0.1,\N{NO-BREAK SPACE}0.2]" in html
 
 
-def test_a_curve_takes_the_colour_of_the_page():
+def test_a_curve_takes_the_color_of_the_page():
     drawing = ElementTree.fromstring(draw([1, 2], [3.0, 1.5], "loss, L_adv"))
     assert drawing.get("aria-label") == "loss, L_adv: 3.00 at first, 1.50 at last"
     assert "currentColor" in ElementTree.tostring(drawing, "unicode")

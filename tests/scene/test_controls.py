@@ -15,7 +15,7 @@ def generator(seed: int = 0) -> torch.Generator:
 
 
 def texels(texture: torch.Tensor) -> list[tuple[float, ...]]:
-    """The multiset of colours, sorted."""
+    """The multiset of colors, sorted."""
     return sorted(map(tuple, texture.flatten(1).T.tolist()))
 
 
@@ -123,7 +123,7 @@ def test_random_textures_lie_in_the_unit_range_and_follow_their_seed(make):
     assert not torch.equal(texture, make(44, generator(4)))
 
 
-def test_a_uniform_texture_has_one_colour_and_blocks_have_many():
+def test_a_uniform_texture_has_one_color_and_blocks_have_many():
     assert len(set(texels(uniform(20, generator())))) == 1
     assert len(set(texels(random_blocks(44, generator(), blocks=11)))) == 121
     squares = random_blocks(44, generator(), blocks=11).reshape(3, 11, 4, 11, 4)

@@ -4,7 +4,7 @@ import json
 
 import torch
 
-from cnca.gen.palettes import COLOUR_WORDS
+from cnca.gen.palettes import COLOR_WORDS
 from cnca.gen.textures import STYLES
 from cnca.judge.style import SIDE, StyleJudge
 from cnca.train.generator import corpus
@@ -40,7 +40,7 @@ def test_its_pictures_are_not_those_of_the_generator(tmp_path):
 def test_labels_say_pattern_and_colors():
     styles, colors = labels(["large yellow black graffiti", "zebra texture"])
     assert [list(STYLES)[style] for style in styles] == ["graffiti", "zebra"]
-    named = [{w for w, on in zip(COLOUR_WORDS, row, strict=True) if on} for row in colors]
+    named = [{w for w, on in zip(COLOR_WORDS, row, strict=True) if on} for row in colors]
     assert named == [{"yellow", "black"}, {"black", "white"}]
 
 

@@ -4,7 +4,7 @@ Errors are relative to bright pixels and absolute in dark ones,
 
     error² = mean((L − L_ref)² / (L_ref² + 0.01)),
 
-L exposed linear radiance, over pixels and colours (relMSE of Rousselle, Knaus & Zwicker 2011).
+L exposed linear radiance, over pixels and colors (relMSE of Rousselle, Knaus & Zwicker 2011).
 Neither picture nor reference is free of noise, so squares are products of *independent* renders:
 their expectation is the square of what the renders have in common.
 """
@@ -55,7 +55,7 @@ def mean_bias(found: Sequence[Pixels], references: Sequence[Pixels]) -> tuple[fl
 
 def error_of_mean(pictures: Sequence[Pixels]) -> float:
     """Standard error of the mean over independent pictures, whose pixels' noise is independent."""
-    pixels = np.mean(pictures, axis=2)  # colours share their paths
+    pixels = np.mean(pictures, axis=2)  # colors share their paths
     return float((pixels.var(axis=0, ddof=1).mean() / pixels.size) ** 0.5)
 
 

@@ -151,7 +151,7 @@ COLUMNS = {
     "prompt_score": "prompt score",
     "distance": "distance",
     "total_variation": "total variation",
-    "real_colours": "real colours",
+    "real_colours": "real colors",
     "chroma": "chroma",
 }
 """Number → heading; their meaning stands in :class:`cnca.judge.naturalness.Naturalness`."""

@@ -26,7 +26,7 @@ class EvaluationRequest:
     textures: Annotated[
         tuple[str, ...],
         Flag(
-            "[NAME=]PATH: UV picture, a run's folder, .npy colours of faces, or PATH@1.5m, a "
+            "[NAME=]PATH: UV picture, a run's folder, .npy colors of faces, or PATH@1.5m, a "
             "pattern that repeats every 1.5 m; repeatable.",
             name="texture",
         ),

@@ -1,11 +1,11 @@
-"""What a printer makes of a colour: the nearest one that its inks can show, as the eye sees it.
+"""What a printer makes of a color: the nearest one that its inks can show, as the eye sees it.
 
 Without a profile the inks are those of sheet-fed offset on coated paper.  Their tones follow
 Neugebauer (1937): a halftone is a mosaic of paper, inks and overprints, whose shares are the
 products of the inks' shares (Demichel, 1924), and whose tristimulus values add.  Shares are those
 on paper: what the screen gains in print is the printer's to correct.
 
-Colours are compared absolutely (white is the paper), in CIELAB under D50 and the 2° observer.
+Colors are compared absolutely (white is the paper), in CIELAB under D50 and the 2° observer.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from scipy.spatial import cKDTree
 from cnca.core.errors import RunError
 from cnca.core.images import SrgbArray
 
-Lab = Float[np.ndarray, "colours 3"]
-Inks = Float[np.ndarray, "colours 4"]
+Lab = Float[np.ndarray, "colors 3"]
+Inks = Float[np.ndarray, "colors 4"]
 """Shares of the paper covered by cyan, magenta, yellow and black, in [0, 1]."""
 Press = Callable[[SrgbArray], SrgbArray]
 """A picture → how it looks in print."""
@@ -50,7 +50,7 @@ SOLIDS = {
 characterization data FOGRA39L (December 2006; offset after ISO 12647-2:2004/Amd 1, coated paper),
 which Debian's package icc-profiles-free holds as FOGRA39L.ti3."""
 GRID, START = 25, 7
-"""Colours per axis of sRGB that are looked up, and of inks to start the search from."""
+"""Colors per axis of sRGB that are looked up, and of inks to start the search from."""
 STEPS = 30
 ENOUGH = 1e-4
 """ΔE*ab that one more step must gain for the search to go on."""
@@ -101,7 +101,7 @@ def lab_of_inks(inks: Inks) -> Lab:
 
 
 def nearest_inks(wanted: Lab) -> Inks:
-    """The inks whose colour comes nearest (ΔE*ab), by a projected Levenberg–Marquardt search."""
+    """The inks whose color comes nearest (ΔE*ab), by a projected Levenberg–Marquardt search."""
     start = np.array(list(product(np.linspace(0, 1, START), repeat=4)))
     inks = start[cKDTree(lab_of_inks(start)).query(wanted)[1]]
     error, damping = lab_of_inks(inks) - wanted, np.full(len(wanted), 1.0)
@@ -126,7 +126,7 @@ def nearest_inks(wanted: Lab) -> Inks:
     return inks
 
 
-def _slopes(inks: Inks) -> Float[np.ndarray, "colours 3 4"]:
+def _slopes(inks: Inks) -> Float[np.ndarray, "colors 3 4"]:
     """Derivatives of CIELAB by the inks, by differences towards the middle of their range."""
     here, columns = lab_of_inks(inks), []
     for ink in range(4):
@@ -140,8 +140,8 @@ def _slopes(inks: Inks) -> Float[np.ndarray, "colours 3 4"]:
 def _offset_table() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, "grid grid grid 3"]]:
     """sRGB levels, and what offset printing makes of each of their combinations."""
     levels = np.linspace(0, 1, GRID)
-    colours = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
-    printed = srgb_of_lab(lab_of_inks(nearest_inks(lab_of_srgb(colours))))
+    colors = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), -1).reshape(-1, 3)
+    printed = srgb_of_lab(lab_of_inks(nearest_inks(lab_of_srgb(colors))))
     return levels, printed.reshape(GRID, GRID, GRID, 3)
 
 

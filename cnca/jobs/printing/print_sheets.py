@@ -1,6 +1,6 @@
 """``cnca print-sheets``: a run's camouflage on paper, for a model of the vehicle.
 
-Writes the PDF, and beside it ``….json`` and ``….md``: panels, colours, predicted attack strength.
+Writes the PDF, and beside it ``….json`` and ``….md``: panels, colors, predicted attack strength.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from cnca.vehicle.uv.skin import Skin
 from cnca.vehicle.uv.unfold import SIDES
 
 BLEED = 3.0
-"""Millimetres of colour beyond the line to cut along."""
+"""Millimetres of color beyond the line to cut along."""
 SEEN = 2.0
-"""ΔE2000 from which a change of colour is plain to see."""
+"""ΔE2000 from which a change of color is plain to see."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def print_sheets(
     judged: bool = True,
     console: Console,
 ) -> SheetReport:
-    """Write the sheets of a run's folder, and what printing does to its colours and strength.
+    """Write the sheets of a run's folder, and what printing does to its colors and strength.
 
     Args:
         folder: of a finished ``cnca optimize``.
@@ -162,11 +162,11 @@ def artwork(panel: Panel, skin: Skin, texture: SrgbArray, scale: float) -> Artwo
     width, height = (panel.size * 1000 / scale + 2 * BLEED).tolist()
     pixels = math.ceil(max(width, height) / PIXEL)
     corners = millimetres / (pixels * PIXEL)
-    colours = rebake(texture, skin.corners[panel.faces], corners, pixels)
+    colors = rebake(texture, skin.corners[panel.faces], corners, pixels)
     covered = face_of_texels(corners, pixels) >= 0
     inked = distance_transform_edt(~covered) * PIXEL <= BLEED
     kept = slice(pixels - math.ceil(height / PIXEL), None), slice(math.ceil(width / PIXEL))
-    picture = np.where(inked[..., None], colours, 1.0)[kept].clip(0, 1)
+    picture = np.where(inked[..., None], colors, 1.0)[kept].clip(0, 1)
     lines, _ = cv2.findContours(
         covered[kept].astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
@@ -262,8 +262,8 @@ def _key(figure: Figure, panels: list[Panel], skin: Skin, texture: SrgbArray) ->
         axes.set_aspect("equal")
         for panel in (part for part in panels if part.name.startswith(side.name)):
             flat = skin.vertices[skin.faces[panel.faces]] @ np.array([side.u, side.v], float).T
-            colours = _at_middles(texture, skin, panel).clip(0, 1)
-            patches = PolyCollection(flat, facecolors=colours, edgecolors="face", lw=0.3)
+            colors = _at_middles(texture, skin, panel).clip(0, 1)
+            patches = PolyCollection(flat, facecolors=colors, edgecolors="face", lw=0.3)
             patches.set_rasterized(True)
             axes.add_collection(patches)
             middle = flat.mean(axis=(0, 1))

@@ -166,12 +166,12 @@ def _charts(section: VehicleSection, base: Path) -> SrgbPicture:
     skin = skin_with_uvs(painted)
     sheet = np.full((TEXELS, TEXELS, 3), EMPTY, np.float32)
     if skin is not None:
-        colours = 0.3 + 0.5 * _checker(skin).max(axis=2, keepdims=True)  # red stands for doubled
+        colors = 0.3 + 0.5 * _checker(skin).max(axis=2, keepdims=True)  # red stands for doubled
         used = np.zeros((TEXELS, TEXELS), np.uint8)
         corners = skin.corners * (TEXELS, -TEXELS) + (0, TEXELS)
         for triangle in np.rint(corners * 16).astype(np.int32):
             cv2.fillConvexPoly(used, triangle, 1, shift=4)
-        sheet = np.where(used[..., None] > 0, colours, sheet)
+        sheet = np.where(used[..., None] > 0, colors, sheet)
         sheet[overlaps(skin, TEXELS)] = DOUBLED
     small = cv2.resize(sheet, (SHOWN, SHOWN), interpolation=cv2.INTER_AREA)
     return np.rint(small * 255).astype(np.uint8)

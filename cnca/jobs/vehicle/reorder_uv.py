@@ -154,9 +154,9 @@ def checkerboard(size: int, squares: int) -> SrgbArray:
     row, column = np.mgrid[:size, :size] / size
     hue, paleness = 179 * column, 255 * (0.4 + 0.6 * row)
     hsv = np.stack([hue, paleness, np.full_like(hue, 255)], axis=2).astype(np.uint8)
-    colours = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB) / np.float32(255)
+    colors = cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB) / np.float32(255)
     dark = (np.floor(row * squares) + np.floor(column * squares)) % 2
-    return colours * (1 - 0.75 * dark[..., None]).astype(np.float32)
+    return colors * (1 - 0.75 * dark[..., None]).astype(np.float32)
 
 
 def _pictures(

@@ -1,7 +1,7 @@
 """Vehicles from OBJ, PLY, glTF and GLB files, or built in.
 
 Texture coordinates end with v upwards, whatever the file says: OBJ and PLY store it so, glTF stores
-v downwards (glTF 2.0 specification, section 3.8.3).  Pictures and colours in the files are ignored:
+v downwards (glTF 2.0 specification, section 3.8.3).  Pictures and colors in the files are ignored:
 a scene brings its own textures.
 """
 

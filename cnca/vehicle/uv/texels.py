@@ -3,7 +3,7 @@
 A pattern that repeats is projected as DTA and ACTIVE do it (the world-aligned texture of the Unreal
 Engine, triplanar mapping): each point of the paint takes the pattern from that of the three planes
 of the vehicle's axes which its normal faces most.  Unreal blends the planes near 45°; here the
-borders are sharp.  Colours for each face are those of FCA, drawn by Kato's neural renderer.
+borders are sharp.  Colors for each face are those of FCA, drawn by Kato's neural renderer.
 """
 
 from __future__ import annotations
@@ -98,25 +98,25 @@ def project_pattern(texels: Texels, pattern: SrgbArray, side: float) -> SrgbArra
     return np.clip(drawn.reshape(*facing.shape, 3), 0, 1)
 
 
-def draw_faces(texels: Texels, colours: Float[np.ndarray, "*shape"]) -> SrgbArray:
-    """Colours for each face as a UV texture.
+def draw_faces(texels: Texels, colors: Float[np.ndarray, "*shape"]) -> SrgbArray:
+    """Colors for each face as a UV texture.
 
-    ``colours`` are sRGB in [0, 1], (faces, 3), or cubes (faces, t, t, t, 3) as in the neural
+    ``colors`` are sRGB in [0, 1], (faces, 3), or cubes (faces, t, t, t, 3) as in the neural
     renderer, whose axes are the barycentric coordinates times t − 1 (read at the nearest entry);
     a leading axis of 1 is ignored.  Raises TextureError for another shape or value.
     """
-    if colours.ndim in (3, 6) and len(colours) == 1:
-        colours = colours[0]
-    cubes = colours[:, None, None, None] if colours.ndim == 2 else colours
+    if colors.ndim in (3, 6) and len(colors) == 1:
+        colors = colors[0]
+    cubes = colors[:, None, None, None] if colors.ndim == 2 else colors
     fits = cubes.ndim == 5 and len(set(cubes.shape[1:4])) == 1 and cubes.shape[4] == 3
     if not fits or len(cubes) != texels.faces:
         raise TextureError(
-            f"colours of shape {colours.shape}: the vehicle's paint has {texels.faces} faces; "
+            f"colors of shape {colors.shape}: the vehicle's paint has {texels.faces} faces; "
             "give (faces, 3) or (faces, t, t, t, 3)"
         )
     if not np.isfinite(cubes).all() or cubes.min() < 0 or cubes.max() > 1:
         span = f"[{cubes.min():.3g}, {cubes.max():.3g}]"
-        raise TextureError(f"colours span {span}: scale them into [0, 1], FCA's by (tanh + 1) / 2")
+        raise TextureError(f"colors span {span}: scale them into [0, 1], FCA's by (tanh + 1) / 2")
     index = np.rint(texels.weights * (cubes.shape[1] - 1)).astype(int)
     first, second, third = np.moveaxis(index, -1, 0)
     return np.ascontiguousarray(cubes[texels.face, first, second, third], np.float32)

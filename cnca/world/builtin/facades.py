@@ -160,7 +160,7 @@ def shop_front(
 
 
 def _board(site: Site, rng: np.random.Generator, pose: Pose, x: Span, z: float) -> None:
-    """The shop's name in the middle of a plain strip of its colour."""
+    """The shop's name in the middle of a plain strip of its color."""
     number = int(rng.integers(len(NAMES)))
     low, high = 1 - (number + 1) / len(NAMES), 1 - number / len(NAMES)
     middle, half = (x[0] + x[1]) / 2, min(2.2, (x[1] - x[0]) / 2 - 0.1)

@@ -153,7 +153,7 @@ def gravel() -> Picture:
 
 
 def leaves() -> Picture:
-    """The colours of foliage; a leaf takes a few texels of it."""
+    """The colors of foliage; a leaf takes a few texels of it."""
     rng = np.random.default_rng(9)
     shape = (256, 256)
     light = fractal(shape, rng, smallest=3, largest=40, slope=0.5)

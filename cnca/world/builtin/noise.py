@@ -48,5 +48,5 @@ def step(field: Field, edge: float, width: float) -> Field:
 
 
 def mix(first: np.ndarray, second: np.ndarray, share: Field) -> np.ndarray:
-    """Pictures (height, width, 3) or colours, ``share`` of the second."""
+    """Pictures (height, width, 3) or colors, ``share`` of the second."""
     return first + (second - first) * share[..., None]

@@ -74,7 +74,7 @@ def test_the_means_bias_is_found_with_its_error(pictures):
     assert abs(bias - BIAS / 0.5) < 4 * error
 
 
-def test_colours_that_share_their_noise_are_one_number(rng):
+def test_colors_that_share_their_noise_are_one_number(rng):
     pair = [np.repeat(rng.normal(size=(PIXELS, 1)), 3, axis=1) for _ in range(2)]
     assert error_of_mean(pair) == pytest.approx(1 / np.sqrt(2 * PIXELS), rel=0.05)
 

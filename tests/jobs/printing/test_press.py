@@ -42,7 +42,7 @@ def test_solids_agree_with_the_published_conversion(inks):
 
 
 def test_what_can_be_printed_stays():
-    """Colours of random inks are found again, whatever inks that takes."""
+    """Colors of random inks are found again, whatever inks that takes."""
     inks = np.random.default_rng(0).uniform(0.05, 0.95, (200, 4))
     wanted = lab_of_inks(inks)
     found = lab_of_inks(nearest_inks(wanted))
@@ -67,9 +67,9 @@ def offset():
 
 def test_the_table_agrees_with_the_search(offset):
     """Between its nodes the table errs where the gamut's border passes."""
-    colours = np.random.default_rng(2).random((300, 3)).astype(np.float32)
-    direct = srgb_of_lab(lab_of_inks(nearest_inks(lab_of_srgb(colours))))
-    errors = difference(offset(colours[None])[0], direct)
+    colors = np.random.default_rng(2).random((300, 3)).astype(np.float32)
+    direct = srgb_of_lab(lab_of_inks(nearest_inks(lab_of_srgb(colors))))
+    errors = difference(offset(colors[None])[0], direct)
     assert np.median(errors) < 0.2
     assert np.percentile(errors, 95) < 1.5
 

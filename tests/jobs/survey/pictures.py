@@ -12,8 +12,8 @@ VIEWS = ("front", "left")
 
 def draw_sources(folder: Path) -> Path:
     """A folder with one folder for each source, and in it a picture for each view."""
-    for source, colour in SOURCES.items():
+    for source, color in SOURCES.items():
         for brightness, view in enumerate(VIEWS):
-            picture = np.full((60, 90, 3), np.array(colour) + 30 * brightness, np.uint8)
+            picture = np.full((60, 90, 3), np.array(color) + 30 * brightness, np.uint8)
             write_png(folder / source / f"{view}.png", picture)
     return folder

@@ -19,12 +19,12 @@ def begin(page):
 
 
 def source_on_screen(page) -> str:
-    """Whose picture it is, by its colour on the screen."""
+    """Whose picture it is, by its color on the screen."""
     shot = np.frombuffer(page.locator("#picture").screenshot(), np.uint8)
     pixels = cv2.imdecode(shot, cv2.IMREAD_COLOR)[..., ::-1]
-    colour = pixels[pixels.shape[0] // 2, pixels.shape[1] // 2].astype(int)
+    color = pixels[pixels.shape[0] // 2, pixels.shape[1] // 2].astype(int)
     away = {
-        name: min(np.abs(colour - own - bright).max() for bright in (0, 30))
+        name: min(np.abs(color - own - bright).max() for bright in (0, 30))
         for name, own in ((name, np.array(own)) for name, own in SOURCES.items())
     }
     assert min(away.values()) < 8

@@ -71,7 +71,7 @@ def test_pictures_and_json(tmp_path, monkeypatch):
     sheet = cv2.imread(str(tmp_path / "vehicle.png"))
     charts, plain, checker = np.split(sheet[-module.SHOWN :], 3, axis=1)
     assert plain.std() > 5
-    # The checker is colourful, the plain shape is not.
+    # The checker is colorful, the plain shape is not.
     saturation = [np.ptp(each.astype(int), axis=2).mean() for each in (plain, checker)]
     assert saturation[1] > 2 * saturation[0]
 

@@ -22,7 +22,7 @@ ASAM = SHARED / "vehicles/asam_vehicle/vehicle_example.gltf"
 
 
 def test_a_vehicle_with_mask_and_base_texture(tmp_path):
-    """The right side of the sedan is painted; the base tells every place by its colour."""
+    """The right side of the sedan is painted; the base tells every place by its color."""
     sedan = build_sedan()
     mesh = tmp_path / "sedan.obj"
     write_obj(mesh, sedan)

@@ -19,7 +19,7 @@ def pictures(tmp_path):
     return corpus.prepare(tmp_path, count=4, seed=0)
 
 
-def test_the_untrained_autoencoder_is_a_colour_pyramid(pictures):
+def test_the_untrained_autoencoder_is_a_color_pyramid(pictures):
     images = torch.from_numpy(pictures.pictures.copy()).permute(0, 3, 1, 2) / 127.5 - 1.0
     torch.manual_seed(0)
     vae = architecture.autoencoder().eval()

@@ -177,7 +177,7 @@ def test_a_seam_is_counted_once_and_gaps_between_neighbours_are_none():
 
 
 def test_a_picture_follows_its_faces():
-    """Colours that are a linear function of the old place come back at the new one."""
+    """Colors that are a linear function of the old place come back at the new one."""
     corners = np.array([[[0.1, 0.1], [0.5, 0.1], [0.1, 0.5]]])
     moved = corners[:, :, ::-1] * 0.5 + 0.4
     v, u = np.mgrid[:256, :256][:, ::-1] / 256 + 0.5 / 256
@@ -186,7 +186,7 @@ def test_a_picture_follows_its_faces():
     row, column = 128 - int(0.5 * 128), int(0.5 * 128)  # inside the moved triangle
     at = np.array([column + 0.5, 128 - row - 0.5]) / 128
     np.testing.assert_allclose(baked[row, column], ((at - 0.4) / 0.5)[::-1], atol=0.003)
-    assert baked.min() > 0.08  # far from the triangle its nearest colour goes on
+    assert baked.min() > 0.08  # far from the triangle its nearest color goes on
     mask = np.zeros((256, 256), bool)
     mask[128:, :128] = True  # lower left
     assert shown_in(mask, corners).tolist() == [True]

@@ -107,15 +107,15 @@ def test_a_pattern_finer_than_texels_is_averaged():
     assert drawn == pytest.approx(0.5, abs=0.01)
 
 
-def test_colours_of_faces():
-    colours = np.random.default_rng(0).random((6, 3)).astype(np.float32)
-    drawn = draw_faces(map_texels(box(), SIZE), colours)
-    assert at(drawn, 0.4, 0.1) == pytest.approx(colours[0])
-    assert at(drawn, 0.1, 0.4) == pytest.approx(colours[1])
-    assert at(drawn, 0.9, 0.1) == pytest.approx(colours[2])
+def test_colors_of_faces():
+    colors = np.random.default_rng(0).random((6, 3)).astype(np.float32)
+    drawn = draw_faces(map_texels(box(), SIZE), colors)
+    assert at(drawn, 0.4, 0.1) == pytest.approx(colors[0])
+    assert at(drawn, 0.1, 0.4) == pytest.approx(colors[1])
+    assert at(drawn, 0.9, 0.1) == pytest.approx(colors[2])
 
 
-def test_cubes_of_colours_are_read_at_the_barycentric_coordinates():
+def test_cubes_of_colors_are_read_at_the_barycentric_coordinates():
     """A cube whose value is its index: near a corner of the triangle that axis is at its end."""
     cubes = np.zeros((1, 6, 4, 4, 4, 3), np.float32)
     index = np.indices((4, 4, 4)) / 3
@@ -127,7 +127,7 @@ def test_cubes_of_colours_are_read_at_the_barycentric_coordinates():
 
 
 @pytest.mark.parametrize(
-    ("colours", "words"),
+    ("colors", "words"),
     [
         (np.zeros((5, 3)), "has 6 faces"),
         (np.zeros((6, 4)), "has 6 faces"),
@@ -137,9 +137,9 @@ def test_cubes_of_colours_are_read_at_the_barycentric_coordinates():
         (np.full((6, 3), np.nan), "span"),
     ],
 )
-def test_wrong_colours_are_refused(colours, words):
+def test_wrong_colors_are_refused(colors, words):
     with pytest.raises(TextureError, match=words):
-        draw_faces(map_texels(box(), SIZE), colours)
+        draw_faces(map_texels(box(), SIZE), colors)
 
 
 @pytest.mark.parametrize(("shape", "side"), [((4, 6, 3), 1.0), ((4, 4, 3), 0.0), ((4, 4, 3), -1.0)])
