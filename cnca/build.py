@@ -13,13 +13,7 @@ import torch
 
 from cnca.attack.targets import Target, parse_targets
 from cnca.core.color import decode
-from cnca.core.errors import (
-    CncaError,
-    GeneratorError,
-    MeshError,
-    TextureError,
-    did_you_mean,
-)
+from cnca.core.errors import CncaError, GeneratorError, MeshError, TextureError
 from cnca.core.hub import hub_folder, is_hub_name
 from cnca.core.images import read_mask, read_texture_srgb
 from cnca.core.plugins import is_plugin, load_plugin, plugin_file
@@ -29,6 +23,7 @@ from cnca.detect.classes import CAR, known_name, vehicle_labels
 from cnca.effects.plan import Demand
 from cnca.effects.prices import SHIPPED as SHIPPED_PRICES
 from cnca.effects.protocols import PlanningRenderer
+from cnca.mi_bridge.backends import is_own_backend, parse_backend
 from cnca.scene import shipped
 from cnca.scene.cameras import Spot
 from cnca.scene.named_files import named_files
@@ -44,7 +39,6 @@ from cnca.world.resolve import resolve_world, world_at
 if TYPE_CHECKING:
     from cnca.mi_bridge.renderer import MitsubaRenderer
 
-BACKENDS = ("mitsuba", "raster", "cached")
 CACHE_FACTOR = 4
 """Rays per pixel of kept shading relative to those of a picture: its noise stays for ever."""
 SEAM_PADDING = 2
@@ -151,34 +145,13 @@ def build_path_tracer(
     )
 
 
-def parse_backend(spec: str) -> tuple[str, int | None]:
-    """``NAME`` or ``cached:N``: the backend, and after how many renders a view is shaded anew.
-
-    Raises CncaError for another name or number.
-    """
-    name, colon, refresh = spec.partition(":")
-    if name not in BACKENDS:
-        hint = did_you_mean(name, BACKENDS)
-        raise CncaError(f"backend '{name}': unknown; there is {', '.join(BACKENDS)}{hint}")
-    if not colon:
-        return name, None
-    if name != "cached" or not refresh.isdecimal() or int(refresh) < 1:
-        raise CncaError(f"backend '{spec}': only cached is refreshed, such as cached:8")
-    return name, int(refresh)
-
-
-def is_own_backend(spec: str) -> bool:
-    """Whether a backend is ``module:attribute``, and none of ours with something behind it."""
-    return is_plugin(spec) and spec.partition(":")[0] not in BACKENDS
-
-
 def build_loop_renderer(
     scene: Scene, vehicle: Vehicle, paint: Paint, *, backend: str, samples: int
 ) -> LoopRenderer:
     """The renderer of an optimization: it comes back to its views, so much of them is kept.
 
-    ``backend`` is read by :func:`parse_backend`; one of a user's own, ``module:attribute``, is
-    called with scene, vehicle, paint and ``samples``, the rays per pixel.
+    ``backend`` is one of :mod:`cnca.mi_bridge.backends`; one of a user's own,
+    ``module:attribute``, is called with scene, vehicle, paint and ``samples``, the rays per pixel.
     """
     if is_own_backend(backend):
         return load_plugin(backend, LoopRenderer, scene, vehicle, paint, samples=samples)

@@ -10,6 +10,7 @@ import torch
 from cnca import build
 from cnca.core.errors import CncaError
 from cnca.effects.protocols import PlanningRenderer
+from cnca.mi_bridge.backends import BACKENDS, parse_backend
 from cnca.scene import controls
 from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import ImageSection, Scene
@@ -27,7 +28,7 @@ from cnca.scene.views import build_views
 )
 def test_unknown_backends_are_refused(spec, message):
     with pytest.raises(CncaError, match=message):
-        build.parse_backend(spec)
+        parse_backend(spec)
 
 
 def test_every_backend_draws_the_scene_and_the_path_tracer_judges_it():
@@ -37,7 +38,7 @@ def test_every_backend_draws_the_scene_and_the_path_tracer_judges_it():
     vehicle = build.build_vehicle(scene)
     paint, view = build.build_paint(scene, vehicle), build_views(scene)[0]
     brightness = {}
-    for name in build.BACKENDS:
+    for name in BACKENDS:
         loop = build.build_loop_renderer(scene, vehicle, paint, backend=name, samples=4)
         image = loop.render(paint.apply(), [view], scene.weather(), seed=0)
         assert image.shape == (1, 3, 24, 24)

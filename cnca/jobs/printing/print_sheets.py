@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -99,11 +100,7 @@ def print_sheets(
     Raises:
         RunError: no finished run, an unknown paper, a scale or file name that cannot be used.
     """
-    if paper not in PAPERS:
-        hint = did_you_mean(paper, PAPERS)
-        raise RunError(f"--paper {paper}: there are {', '.join(PAPERS)}{hint}")
-    if out.suffix.lower() != ".pdf":
-        raise RunError(f"{out}: sheets are written as PDF; end the name with .pdf")
+    _refuse(out, paper)
     run, press = read_run(folder), load_press(profile)
     wanted = run.texture.permute(1, 2, 0).numpy()
     printed = press(wanted)
@@ -112,22 +109,13 @@ def print_sheets(
     skin = Skin.of(run.vehicle)
     panels, share = develop(run.vehicle, _painted(run.scene, skin))
     with bar(console) as shown:
-        task = shown.add_task("panels", total=len(panels))
-        arts = []
-        for panel in panels:
-            arts.append(artwork(panel, skin, texture, scale))
-            shown.advance(task)
+        drawn = shown.track(panels, description="panels")
+        arts = [artwork(panel, skin, texture, scale) for panel in drawn]
         pages = lay_out(arts, printed_area(paper))
         task = shown.add_task("pages", total=len(pages) + 1)
         title = f"{folder.name}, {run.vehicle.name}, 1:{scale:g}"
-        write_pdf(
-            out,
-            paper,
-            pages,
-            title,
-            lambda figure: _key(figure, panels, skin, texture),
-            lambda: shown.advance(task),
-        )
+        key = partial(_key, panels=panels, skin=skin, texture=texture)
+        write_pdf(out, paper, pages, title, key, partial(shown.advance, task))
     inputs = [folder / name for name in RUN_FILES] + ([profile] if profile else [])
     inputs += build.scene_files(run.scene, run.request.scene)
     change = difference(wanted, printed)
@@ -148,8 +136,17 @@ def print_sheets(
     return report
 
 
+def _refuse(out: Path, paper: str) -> None:
+    """Raise RunError for a paper or a file name that cannot be used."""
+    if paper not in PAPERS:
+        hint = did_you_mean(paper, PAPERS)
+        raise RunError(f"--paper {paper}: there are {', '.join(PAPERS)}{hint}")
+    if out.suffix.lower() != ".pdf":
+        raise RunError(f"{out}: sheets are written as PDF; end the name with .pdf")
+
+
 def read_scale(text: str) -> float:
-    """12 for "1:12"; raises RunError for what is no scale."""
+    """12 for "1:12"; raises RunError for anything else."""
     match = re.fullmatch(r"1:(\d+(?:\.\d+)?)", text)
     if not match or not float(match[1]) > 0:
         raise RunError(f"--scale {text}: write it as 1:12")
