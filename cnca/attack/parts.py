@@ -16,7 +16,7 @@ from cnca.core.types import LinearImages, LinearTexture, SrgbTexture
 from cnca.gen.latents import Latents
 from cnca.scene.cameras import View
 from cnca.scene.paint import Paint
-from cnca.scene.protocols import LoopRenderer, Objective, Renderer, Residual, TextureGenerator
+from cnca.scene.protocols import LoopRenderer, Objective, Residual, TextureGenerator
 from cnca.scene.schema import Scene
 from cnca.scene.weather import Weather
 
@@ -26,7 +26,7 @@ class Attack:
     """The parts that work together, and the scene that they work on."""
 
     scene: Scene
-    renderer: Renderer
+    renderer: LoopRenderer
     paint: Paint
     generator: TextureGenerator
     targets: Sequence[Target]
@@ -61,7 +61,6 @@ class Attack:
         images = self.renderer.render(albedo, views, weather, seed=seed)
         if self.residual is None:
             return images
-        assert isinstance(self.renderer, LoopRenderer)
         return self.residual(images, self.renderer.reference(views, weather, seed=seed))
 
 

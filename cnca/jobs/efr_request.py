@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cnca.core.errors import RunError
 from cnca.core.options import COST, OUTPUT, STRENGTH, Flag
+from cnca.mi_bridge.backends import parse_backend
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class EfrRequest:
     seed: Annotated[int, Flag("Seed of everything random.")] = 0
 
     def __post_init__(self) -> None:
-        """Raises RunError for neither or both of scenes and frames, or a number out of range."""
+        """Raises CncaError for an unknown backend, both or no sources, or a number out of range."""
+        parse_backend(self.backend)
         if bool(self.scenes) == (self.carla is not None):
             raise RunError("give either --from-render SCENE, once or more, or --carla DIR")
         if self.out.suffix != ".safetensors":

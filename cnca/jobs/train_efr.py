@@ -29,6 +29,7 @@ from cnca.gen import textures
 from cnca.jobs.datasets.carla import fit_frame
 from cnca.jobs.efr_request import EfrRequest
 from cnca.judge.held_out import HELD_OUT_SEED
+from cnca.mi_bridge.backends import BACKENDS
 from cnca.mi_bridge.backgrounds import KeptBackgrounds
 from cnca.mi_bridge.lookups import LookupRenderer
 from cnca.mi_bridge.shading_cache import TracedShading
@@ -58,7 +59,8 @@ class Studio:
         loop = build.build_loop_renderer(
             scene, vehicle, self._paint, backend=backend, samples=samples
         )
-        assert isinstance(loop, KeptBackgrounds | LookupRenderer)
+        if not isinstance(loop, KeptBackgrounds | LookupRenderer):
+            raise RunError(f"--backend {backend}: an EFR corrects {', '.join(BACKENDS)}")
         self._loop = loop
         self._kept = loop if isinstance(loop, KeptBackgrounds) else loop.kept
 

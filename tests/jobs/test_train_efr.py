@@ -9,7 +9,7 @@ import torch
 from rich.console import Console
 
 from cnca import build
-from cnca.core.errors import RunError
+from cnca.core.errors import CncaError, RunError
 from cnca.core.types import PlainPictures
 from cnca.jobs import train_efr
 from cnca.jobs.efr_request import EfrRequest
@@ -84,6 +84,8 @@ def test_what_cannot_be_trained_is_refused(call, tmp_path):
         call(carla=tmp_path)
     with pytest.raises(RunError, match="--views 0"):
         call(scenes=(call.scene,), views=0)
+    with pytest.raises(CncaError, match="backend 'tests.own_parts': unknown; there is mitsuba"):
+        call(scenes=(call.scene,), backend="tests.own_parts:Poster")
 
 
 def test_resumes_only_what_was_begun_from_the_same_files(call, tmp_path):

@@ -117,9 +117,9 @@ def import_carla(
             records.append(_record(source.name, frame, fit))
             data.add(index, picture, fit.mask, records[-1])
     data.finish(tar=False)
-    if all(isinstance(record, FrameProblem) for record in records):
-        first = records[0]
-        assert isinstance(first, FrameProblem)
+    problems = [record for record in records if isinstance(record, FrameProblem)]
+    if len(problems) == len(records):
+        first = problems[0]
         raise RunError(f"{folder}: the vehicle meets no frame; {first.source}: {first.problem}")
     return records
 

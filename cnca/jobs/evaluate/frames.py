@@ -12,38 +12,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
 from cnca.core.color import srgb_to_linear
 from cnca.core.errors import RunError, SceneError
 from cnca.core.types import Boxes, LinearImages, LinearTexture, SrgbImages
+from cnca.effects.protocols import PlanningRenderer
 from cnca.jobs.datasets.carla import MOST_PIXELS, fit_frame
 from cnca.judge.evaluate import Shots
 from cnca.judge.gallery import Arrays, digest, recall
 from cnca.judge.records import FrameFit, OutlineDistance
 from cnca.scene.cameras import View
 from cnca.scene.carla import CarlaFrame, carla_view, read_carla_frame
-from cnca.scene.protocols import Renderer
 from cnca.scene.weather import Weather
 from cnca.vehicle.model import Vehicle
-
-
-@runtime_checkable
-class MaskedRenderer(Renderer, Protocol):
-    """A renderer that knows where the vehicle is."""
-
-    def vehicle_mask(self, views: Sequence[View]) -> Float[np.ndarray, "views height width"]:
-        """Share of each pixel that the vehicle covers, in [0, 1]."""
 
 
 class OverFrames:
     """Renders the vehicle over photographs; a :class:`cnca.scene.protocols.Renderer`."""
 
-    def __init__(self, renderer: MaskedRenderer, photographs: Mapping[View, SrgbImages]) -> None:
+    def __init__(self, renderer: PlanningRenderer, photographs: Mapping[View, SrgbImages]) -> None:
         """``photographs`` holds one image, (1, 3, height, width), for each view."""
         self.renderer, self._photographs = renderer, photographs
 

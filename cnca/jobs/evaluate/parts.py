@@ -14,7 +14,8 @@ from cnca.core.manifest import DETECTING, PAINTING, hashes, program
 from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.detect import detector_files
 from cnca.detect.classes import CAR, known_name
-from cnca.jobs.evaluate.frames import Frames, MaskedRenderer, OverFrames, read_frames
+from cnca.effects.protocols import PlanningRenderer
+from cnca.jobs.evaluate.frames import Frames, OverFrames, read_frames
 from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.judge.candidates import Candidate, make_coats, named, read_candidate
 from cnca.judge.evaluate import Shots
@@ -85,9 +86,10 @@ def _stage(
     paint, size = build.build_paint(scene, vehicle), scene.vehicle.texture_size
     textures = {c.name: read_candidate(c, vehicle, size) for c in candidates}
     backend, samples = request.backend, request.samples
+    renderer = build.build_renderer(scene, vehicle, backend=backend, samples=samples)
     stage = Stage(
         name=name,
-        renderer=build.build_renderer(scene, vehicle, backend=backend, samples=samples),
+        renderer=renderer,
         shots=_shots(request, scene),
         coats=make_coats(paint, textures, prompts(), wanted=request.controls, seed=request.seed),
         folder=request.out,
@@ -101,7 +103,7 @@ def _stage(
             samples=samples,
         ),
     )
-    return stage if frames is None else _over_frames(stage, frames)
+    return stage if frames is None else _over_frames(stage, renderer, frames)
 
 
 def _frames(request: EvaluationRequest, folder: Path, scene: Scene, vehicle: Vehicle) -> Frames:
@@ -109,13 +111,12 @@ def _frames(request: EvaluationRequest, folder: Path, scene: Scene, vehicle: Veh
     return read_frames(folder, vehicle, weather, fov=request.fov, kept=fits, seed=request.seed)
 
 
-def _over_frames(stage: Stage, frames: Frames) -> Stage:
+def _over_frames(stage: Stage, renderer: PlanningRenderer, frames: Frames) -> Stage:
     """The same vehicle in photographs, which are a row, too."""
-    assert isinstance(stage.renderer, MaskedRenderer)
     return replace(
         stage,
         name=frames.name,
-        renderer=OverFrames(stage.renderer, frames.photographs),
+        renderer=OverFrames(renderer, frames.photographs),
         shots=frames.shots,
         key=digest(stage.key, *frames.photographs.values()),
         photographs={"photograph": frames.photograph},
