@@ -108,7 +108,7 @@ def test_first_scattering_of_the_sun_alone_matches_quadrature():
             return fog.extinction * np.exp(-fog.extinction * (s + above / sun[2]))
 
         length = fog.height / abs(d[2])
-        phase = henyey_greenstein(d @ sun, fog.asymmetry)
+        (phase,) = henyey_greenstein(np.array([d @ sun]), fog.asymmetry)
         expected = fog.albedo * phase * quad(gained, 0, length, limit=200)[0]
         # 3 %: the phase function is made to keep energy on a grid of 24 × 32 directions.
         assert field.radiance[level, row, column, 0] == pytest.approx(expected, rel=0.03)
@@ -118,7 +118,7 @@ def test_first_scattering_of_the_sun_alone_matches_quadrature():
 def test_the_phase_function_integrates_to_one_with_mean_cosine_g(asymmetry):
     def moment(power: int) -> float:
         return quad(
-            lambda c: 2 * np.pi * henyey_greenstein(np.array(c), asymmetry) * c**power,
+            lambda c: 2 * np.pi * henyey_greenstein(np.array([c]), asymmetry)[0] * c**power,
             -1,
             1,
             points=[-0.99, 0.99],

@@ -99,7 +99,7 @@ def test_pixels_that_are_not_finite_are_counted_and_refused(ground):
 
 def test_seeds_wrap_around_at_32_bits(ground):
     """As the loop's renderer takes them: a run's seed times a million soon reaches that."""
-    scene = lit_by_mitsuba(ground, make_light(Weather(), (0.4, 0.4, 0.4)))
+    scene = lit_by_mitsuba(ground, make_light(Weather(), np.full(3, 0.4)))
     path = {"type": "path", "max_depth": 2}
     seeds = 5, 5 + 2**32, 6
     first, again, other = (
