@@ -1,7 +1,7 @@
 """Which models to try in a scene of which something was measured.
 
-The price list proposes (:mod:`cnca.effects.prices`), the scene's own measurements dispose: what was
-tried is not proposed again, and the list's errors are scaled by what was found of them here.
+The price list proposes (:mod:`cnca.effects.prices`), and what was measured in the scene corrects
+it: what was tried is not proposed again, and the list's errors are scaled to those found here.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ HEADERS = {
 
 
 class PageServer(ThreadingHTTPServer):
-    """Raises RunError where the address cannot be had."""
+    """Raises RunError where the address is taken or not ours."""
 
     def __init__(self, host: str, port: int, handler: type[PageHandler]) -> None:
         try:

@@ -14,8 +14,8 @@ from cnca.scene.cameras import View
 from cnca.scene.protocols import Renderer, SightingRenderer
 
 LEAST_SEEN, LEAST_WIDTH = 0.25, 16
-"""Share of another vehicle that must be seen, and pixels across, for it to be one to find: those
-that are smaller or more hidden are ignored."""
+"""Share of another vehicle that must be seen, and pixels across, for it to count as an object to
+find: those that are smaller or more hidden are ignored."""
 
 
 @dataclass(frozen=True)

@@ -153,8 +153,8 @@ def by_section(
 def word_for(difference: Sampled, views: int) -> str:
     """``lower`` or ``higher`` where a difference's interval excludes 0, else ``no difference``.
 
-    Of less than :data:`LEAST_VIEWS` nothing is said: resamples of a few views that are all alike do
-    not vary, whatever other views might show.
+    With fewer than :data:`LEAST_VIEWS` views nothing is claimed: resamples of a few views that are
+    all alike do not vary, whatever other views might show.
     """
     if views < LEAST_VIEWS:
         return TOO_FEW

@@ -22,7 +22,7 @@ ADVICE = "bring it back, and start from the folder in which that run was started
 
 @dataclass(frozen=True)
 class Rerun:
-    """What came of it."""
+    """The outcome of a run that was repeated."""
 
     out: Path
     other_versions: dict[str, tuple[str, str]]

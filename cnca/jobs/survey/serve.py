@@ -16,7 +16,7 @@ class SurveyServer(PageServer):
     """Serves the survey in ``folder``; its sheets go to ``answers.sqlite`` in there.
 
     Raises:
-        RunError: there is no survey, or the address cannot be had.
+        RunError: there is no survey, or the address is taken or not ours.
     """
 
     daemon_threads = False  # so that closing waits for the answers under way
