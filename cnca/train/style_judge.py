@@ -39,6 +39,8 @@ GAIN, OFFSET, NOISE = 0.12, 0.06, 0.04
 """Deviations of tints, brightness and noise of each picture."""
 SMOOTHING = 0.05
 
+Kept = Float[Tensor, "batch 3 kept kept"]
+"""sRGB images in [0, 1] at the size that is kept in memory."""
 Labelled = tuple[SrgbImages, Int[Tensor, " batch"], Float[Tensor, "batch words"]]
 
 
@@ -72,7 +74,7 @@ class StyleJudgeTask(Task[Labelled]):
         """Varied pictures with their patterns and color words."""
         chosen = torch.randint(len(self._pictures), (self._batch,), generator=rng)
         pictures = self._pictures[chosen].permute(0, 3, 1, 2).float() / 255
-        return varied(SrgbImages(pictures), rng), self._styles[chosen], self._colors[chosen]
+        return varied(pictures, rng), self._styles[chosen], self._colors[chosen]
 
     def losses(self, batch: Labelled, rng: torch.Generator) -> dict[str, Tensor]:
         """Cross entropies of the pattern and, summed over the words, of the colors."""
@@ -138,7 +140,7 @@ def shrunk(
     return torch.from_numpy(np.stack(small))
 
 
-def varied(pictures: SrgbImages, rng: torch.Generator) -> SrgbImages:
+def varied(pictures: Kept, rng: torch.Generator) -> SrgbImages:
     """Crops of ``SIDE``, turned and mirrored, some blurred or patched with others, all tinted."""
     changed: Tensor = _crop(pictures, rng)
     if _draw(rng) < 0.5:
@@ -161,7 +163,7 @@ def _draw(rng: torch.Generator) -> float:
     return float(torch.rand((), generator=rng))
 
 
-def _crop(pictures: SrgbImages, rng: torch.Generator) -> SrgbImages:
+def _crop(pictures: Kept, rng: torch.Generator) -> SrgbImages:
     """One size for the batch, another place for each picture."""
     whole = pictures.shape[-1]
     side = round(whole * (SMALLEST_CROP + (1 - SMALLEST_CROP) * _draw(rng)))

@@ -79,12 +79,18 @@ def path_in_layer(origin: float, slope: float, distance: float) -> float:
     return cut if inside else distance - cut
 
 
+@pytest.fixture(scope="module")
+def furnace_layer() -> FogLayer:
+    """Fog in the same light from everywhere, over white ground."""
+    fog = Fog(visibility=50.0, height=HEIGHT)
+    return surroundings(uniform_light(), fog, ground=1.0).fog
+
+
 @pytest.mark.parametrize("origin", [0.5, 12.0, 25.0], ids=["low", "inside", "above"])
 @pytest.mark.parametrize("slope", [-1.0, -0.3, 0.0, 0.3, 1.0])
 @pytest.mark.parametrize("distance", [0.0, 3.0, 60.0, np.inf])
-def test_camera_rays_obey_beer_and_lambert(origin, slope, distance):
-    fog = Fog(visibility=50.0, height=HEIGHT)
-    layer = surroundings(uniform_light(), fog, ground=1.0).fog
+def test_camera_rays_obey_beer_and_lambert(furnace_layer, origin, slope, distance):
+    layer, fog = furnace_layer, furnace_layer.fog
     ray = mi.Ray3f(mi.Point3f(0, 0, origin), mi.Vector3f((1 - slope**2) ** 0.5, 0, slope))
     number = mi.Float(np.linspace(0.01, 0.99, 5))
     transmittance, airlight = layer.segment(ray, surface_at(distance), number, mi.Bool(True))

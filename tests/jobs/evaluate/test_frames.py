@@ -9,11 +9,12 @@ import torch
 from cnca import build
 from cnca.core.color import linear_to_srgb, srgb_to_linear
 from cnca.core.errors import RunError, SceneError
-from cnca.jobs.evaluate.frames import MaskedRenderer, OverFrames, read_frames
+from cnca.jobs.evaluate.frames import OverFrames, read_frames
 from cnca.jobs.evaluate.parts import build_stages
 from cnca.jobs.evaluate.request import EvaluationRequest
 from cnca.scene.cameras import orbit_view
 from cnca.scene.load_scene import load_scene
+from cnca.scene.protocols import Renderer
 from cnca.scene.weather import Weather
 from tests.fakes import FlatRenderer
 
@@ -41,7 +42,7 @@ def test_the_vehicle_is_rendered_and_the_rest_is_the_photograph():
     half = (0.25 + srgb_to_linear(photograph)[..., 6]) / 2
     assert torch.allclose(image[..., 6], half, atol=1e-6)
     assert over.vehicle_boxes([VIEW]).tolist() == [[2, 2, 10, 10]]
-    assert isinstance(over.renderer, MaskedRenderer)
+    assert isinstance(over, Renderer)
 
 
 def test_a_folder_without_frames_and_a_file_that_is_none(tmp_path):
