@@ -2,13 +2,12 @@
 
 import shutil
 
-import jaxtyping
 import pytest
 
 from tests import type_checks
 
 # Before anything of cnca is imported: beartype checks each call, jaxtyping the shapes in it.
-jaxtyping.install_import_hook(type_checks.modules(), f"{type_checks.__name__}.check")
+type_checks.install()
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

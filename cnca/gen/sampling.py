@@ -125,7 +125,7 @@ class DiffusionTextureGenerator:
     def generate(
         self,
         text_feature: TextFeature,
-        adversarial_feature: Float[Tensor, "extra width"] | None,
+        adversarial_feature: Float[Tensor, "extra _"] | None,
         generator: torch.Generator,
         *,
         noises: Noises | None = None,
@@ -149,7 +149,7 @@ class DiffusionTextureGenerator:
     def sample(
         self,
         text_feature: TextFeature,
-        adversarial_feature: Float[Tensor, "extra width"] | None,
+        adversarial_feature: Float[Tensor, "extra _"] | None,
         generator: torch.Generator,
         *,
         noises: Noises | None = None,

@@ -5,7 +5,8 @@ Every module of ``cnca.mi_bridge`` imports them from here and from nowhere else:
     from cnca.mi_bridge.variant import dr, mi
 
 The variant is ``cuda_ad_rgb`` where an NVIDIA GPU really traces rays, else ``llvm_ad_rgb``; the
-environment variable ``CNCA_VARIANT`` overrides this.
+environment variable ``CNCA_VARIANT`` overrides this.  ``OMP_NUM_THREADS`` bounds the renderer's
+threads on the CPU as it bounds torch's.
 """
 
 from __future__ import annotations
@@ -78,7 +79,17 @@ def activate() -> str:
         reason = str(error).strip().splitlines()[0]
         remedy = "no working GPU? CNCA_VARIANT=llvm_ad_rgb renders on the CPU"
         raise BackendError(f"variant {variant} does not start: {reason}; {remedy}") from error
+    bound_threads()
     return variant
+
+
+def bound_threads() -> None:
+    """Let Dr.Jit work in as many threads as ``OMP_NUM_THREADS`` says, the caller's among them."""
+    import drjit
+
+    threads = os.environ.get("OMP_NUM_THREADS", "")
+    if threads.isdecimal() and int(threads) > 0:
+        drjit.set_thread_count(int(threads))
 
 
 activate()
@@ -86,4 +97,12 @@ activate()
 import drjit as dr  # noqa: E402  (after the variant)
 import mitsuba as mi  # noqa: E402
 
-__all__ = ["VARIANTS", "activate", "cuda_traces_rays", "dr", "mi", "wanted_variant"]
+__all__ = [
+    "VARIANTS",
+    "activate",
+    "bound_threads",
+    "cuda_traces_rays",
+    "dr",
+    "mi",
+    "wanted_variant",
+]

@@ -27,6 +27,18 @@ def test_the_environment_decides_without_a_trial(monkeypatch):
         variant.wanted_variant()
 
 
+@pytest.mark.parametrize(("words", "threads"), [("1", 1), ("3", 3), ("", 5), ("many", 5)])
+def test_the_renderer_has_as_many_threads_as_torch(monkeypatch, words, threads):
+    before = variant.dr.thread_count()
+    try:
+        variant.dr.set_thread_count(5)
+        monkeypatch.setenv("OMP_NUM_THREADS", words)
+        variant.bound_threads()
+        assert variant.dr.thread_count() == threads
+    finally:
+        variant.dr.set_thread_count(before)
+
+
 def test_without_a_driver_nothing_is_started(monkeypatch):
     def no_driver(name):
         raise OSError(f"{name}: cannot open shared object file")
