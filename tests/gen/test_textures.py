@@ -28,7 +28,8 @@ def test_the_seed_decides():
 
 
 def test_the_paper_s_prompts_are_held_out_as_wholes_but_not_as_words(monkeypatch):
-    monkeypatch.setattr(textures, "draw", lambda *_: np.zeros((1, 1, 3)))
+    blank = np.zeros((256, 256, 3))
+    monkeypatch.setattr(textures, "draw", lambda *_: blank)
     rng = np.random.default_rng(0)
     captions = {textures.sample(rng).caption for _ in range(6000)}
     assert captions.isdisjoint(textures.PAPER_PROMPTS)
