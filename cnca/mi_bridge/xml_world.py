@@ -41,6 +41,10 @@ def refuse_unknown_plugins(path: Path) -> None:
 
 
 def _reason(error: Exception) -> str:
-    """The last thing that Mitsuba says: what it stumbled over, the way there left out."""
+    """The last thing that Mitsuba says: what it stumbled over, the way there left out.
+
+    A list belongs to the line above it.
+    """
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__
+    heads = [number for number, line in enumerate(lines) if not line.startswith("-")]
+    return " ".join(lines[max(heads, default=0) :]) or type(error).__name__

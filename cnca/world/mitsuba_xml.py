@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,6 +66,8 @@ def read_mitsuba_xml(path: Path) -> MitsubaXml:
     root = _included(path, (), files)
     values = {d.get("name", ""): d.get("value", "") for d in root.iter("default")}
     _fill_in(root, values, path)
+    _refuse_impossible_light(root, path)
+    _unpack_instances(root, path)
     ignored = []
     for thing in list(root):
         kind = thing.get("type", "")
@@ -130,6 +133,46 @@ def _fill_in(root: ET.Element, values: dict[str, str], path: Path) -> None:
             if "$" in text and not Path(text).is_file():
                 raise MeshError(f"{path}: {text} has no value; add a <default> of that name")
             element.set(key, text)
+
+
+def _refuse_impossible_light(root: ET.Element, path: Path) -> None:
+    """Raises MeshError for a lamp whose light is negative, NaN or infinite."""
+    for emitter in root.iter("emitter"):
+        for color in (c for tag in ("rgb", "spectrum", "float") for c in emitter.iter(tag)):
+            for word in re.split(r"[\s,:]+", color.get("value", "").strip()):
+                try:
+                    usable = 0 <= float(word) < math.inf
+                except ValueError:
+                    continue  # not a number at all, which is Mitsuba's to refuse
+                if not usable:
+                    name = f"{color.get('name', color.tag)} {color.get('value')}"
+                    raise MeshError(f"{path}: a lamp has {name}; give numbers from 0 upwards")
+
+
+def _unpack_instances(root: ET.Element, path: Path) -> None:
+    """Put the shapes of a group wherever an instance of it stands.
+
+    Raises MeshError for an instance without a group, or with a transform that is none.
+    """
+    groups = {g.get("id"): g for g in root.findall("shape[@type='shapegroup']")}
+    for group in groups.values():
+        root.remove(group)
+    for instance in root.findall("shape[@type='instance']"):
+        reference = instance.find("ref")
+        name = None if reference is None else reference.get("id")
+        group = groups.get(name, instance.find("shape[@type='shapegroup']"))
+        if group is None:
+            raise MeshError(f"{path}: an instance of {name}, which is no shapegroup; add one")
+        root.remove(instance)
+        for shape in copy.deepcopy(group).findall("shape"):
+            for element in shape.iter():
+                if element.tag != "ref":
+                    element.attrib.pop("id", None)
+            try:
+                _move(shape, to_world(instance))
+            except ValueError as error:
+                raise MeshError(f"{path}: an instance cannot be read ({error})") from None
+            root.append(shape)
 
 
 def _move(thing: ET.Element, matrix: Matrix) -> None:

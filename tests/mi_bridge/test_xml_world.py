@@ -7,7 +7,7 @@ import torch
 from cnca.core.errors import MeshError
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.mi_bridge.variant import mi
-from cnca.mi_bridge.xml_world import refuse_unknown_plugins, xml_shapes
+from cnca.mi_bridge.xml_world import _reason, refuse_unknown_plugins, xml_shapes
 from cnca.scene.weather import Weather
 from cnca.world.model import Place
 from cnca.world.xml_world import load_xml_world
@@ -71,3 +71,10 @@ def test_a_plugin_that_does_not_exist_is_one_line(hall):
     with pytest.raises(MeshError, match="difuse") as raised:
         refuse_unknown_plugins(hall)
     assert "\n" not in str(raised.value)
+
+
+def test_what_mitsuba_lists_stands_behind_what_it_says_of_it():
+    error = RuntimeError(
+        '[parser.cpp] While loading:\nFound 1 unreferenced property:\n  - float "x"'
+    )
+    assert _reason(error) == 'Found 1 unreferenced property: - float "x"'

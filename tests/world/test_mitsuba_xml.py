@@ -84,6 +84,19 @@ def test_includes_are_read_from_their_own_folder(scene, tmp_path):
     }
 
 
+def test_an_instance_is_the_shapes_of_its_group(scene):
+    move = "<transform name='to_world'><translate {}/></transform>"
+    inner, outer = move.format("x='1'"), move.format("y='2'")
+    group = f"<shape type='shapegroup' id='g'><shape type='cube' id='c'>{inner}</shape></shape>"
+    instance = f"<shape type='instance'><ref id='g'/>{outer}</shape>"
+    twice = load_xml_world(scene(group + instance + instance))
+    cube = move.format("x='1' y='2'")
+    once = load_xml_world(scene(f"<shape type='cube'>{cube}</shape>"))
+    assert len(twice.pieces) == len(once.pieces) + 1
+    for copied in twice.pieces[-2:]:
+        np.testing.assert_allclose(copied.vertices, once.pieces[-1].vertices, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("more", "complaint"),
     [
@@ -95,6 +108,14 @@ def test_includes_are_read_from_their_own_folder(scene, tmp_path):
         ),
         ("<shape type='cube'><transform name='to_world'><skew/></transform></shape>", "<skew>"),
         ("<shape type='cube'><float name='x' value='$size'/></shape>", "size has no value"),
+        (
+            "<emitter type='point'><rgb name='intensity' value='1, nan, 1'/></emitter>",
+            "a lamp has intensity 1, nan, 1",
+        ),
+        (
+            "<shape type='instance'><ref id='g'/></shape>",
+            "an instance of g, which is no shapegroup",
+        ),
         ("</scene><scene>", "is no XML"),
     ],
 )
