@@ -160,11 +160,11 @@ def _unpack_instances(root: ET.Element, path: Path) -> None:
     for instance in root.findall("shape[@type='instance']"):
         reference = instance.find("ref")
         name = None if reference is None else reference.get("id")
-        group = groups.get(name, instance.find("shape[@type='shapegroup']"))
-        if group is None:
+        found = groups.get(name, instance.find("shape[@type='shapegroup']"))
+        if found is None:
             raise MeshError(f"{path}: an instance of {name}, which is no shapegroup; add one")
         root.remove(instance)
-        for shape in copy.deepcopy(group).findall("shape"):
+        for shape in copy.deepcopy(found).findall("shape"):
             for element in shape.iter():
                 if element.tag != "ref":
                     element.attrib.pop("id", None)
