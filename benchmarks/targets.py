@@ -23,8 +23,8 @@ from cnca.core.manifest import write_json
 from cnca.core.records import as_json, read_record
 from cnca.core.types import LinearTexture
 from cnca.effects.proposals import best_models
-from cnca.jobs.accuracy.calibrate import Case, random_case
 from cnca.jobs.accuracy.fidelity import root, squared_error, vehicle_pixels
+from cnca.jobs.accuracy.random_cases import Case, random_case
 from cnca.jobs.accuracy.streams import Streams
 from cnca.jobs.accuracy.targets import Scenery, meet
 from cnca.scene.load_scene import load_scene

@@ -64,6 +64,7 @@ class SkyEffect(Effect):
 
     name = "sky"
     models = ("off", "map", "map_mis")
+    unbiased = ("map",)
 
     def present(self, subject: Subject) -> tuple[Model, ...]:
         """``off`` where it is black; sampled by brightness only where its contrast asks for it."""

@@ -27,6 +27,8 @@ class Effect:
     """Without a target error; None is the best that the scene has a use for."""
     priced: tuple[Model, ...] = ()
     """Those whose error ``cnca calibrate`` measures beside the best."""
+    unbiased: tuple[Model, ...] = ()
+    """Models that have the same mean as the best, and differ from it in noise and time alone."""
     has_bias: bool = True
     """Whether its models err in the mean, so that a target error chooses among them."""
 

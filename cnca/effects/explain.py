@@ -34,7 +34,9 @@ def explain(plan: EffectPlan, prices: Prices | None = None) -> list[Explanation]
         error = effect.error(model, subject, prices)
         by_name = plan.demand.forced.get(name) == model
         why = effect.explain(model, subject, error, by_name=by_name)
-        if effect.has_bias and model not in effect.candidates(subject, prices):
+        best = effect.present(subject)[-1]
+        known = model in (best, *effect.unbiased) or effect.key(model) in prices.errors
+        if effect.has_bias and not known:
             why += "; its error was never measured and is not counted"
         share = effect.seconds(model, prices) / total
         rows.append(Explanation(name, model, why, round(error, 6), round(share, 4)))

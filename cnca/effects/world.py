@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cnca.effects.effect import Effect, Model
+from cnca.effects.prices import Prices
 from cnca.effects.subject import Contents, Subject
 
 GEOMETRY = "geometry"
@@ -17,6 +18,7 @@ class SurroundingsEffect(Effect):
 
     name = "surroundings"
     models = ("none", "backdrop", "probe", GEOMETRY)
+    priced = ("backdrop", "probe")
 
     def amount(self, contents: Contents) -> float:
         """1 where there is a world."""
@@ -25,6 +27,15 @@ class SurroundingsEffect(Effect):
     def present(self, subject: Subject) -> tuple[Model, ...]:
         """Without a world there is nothing to choose."""
         return self.models[1:] if subject.amounts.get(self.name) else self.models[:1]
+
+    @property
+    def compared(self) -> tuple[Model, ...]:
+        """None: whole pictures are traced on every rung."""
+        return ()
+
+    def candidates(self, subject: Subject, prices: Prices) -> list[Model]:
+        """The best one alone, likewise."""
+        return [self.present(subject)[-1]]
 
     def why(self, model: Model, subject: Subject, error: float) -> str:
         """What the model does."""

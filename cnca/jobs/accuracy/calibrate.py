@@ -1,14 +1,15 @@
 """Prices of the models: what each costs in error and time, measured on random scenes.
 
 In each scene every model below the reference's is rendered in its place, all else as in the
-reference, both with the same random numbers; their difference is the model's error.
+reference, both with the same random numbers; their difference is the model's error.  Effects that
+most scenes lack have scenes of their own (:data:`cnca.jobs.accuracy.random_cases.SHOWING`).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,9 @@ from cnca.core.run_folder import RunFolder
 from cnca.core.types import LinearTexture
 from cnca.effects.catalog import EFFECTS
 from cnca.effects.effect import Effect, Model
-from cnca.effects.plan import Demand, EffectPlan
+from cnca.effects.plan import Demand, EffectPlan, predicted_seconds
 from cnca.effects.prices import Calibration, Prices, fit, shipped_calibration, shipped_prices
+from cnca.effects.world import GEOMETRY
 from cnca.jobs.accuracy.case_records import CaseRecord, NoiseRecord, TimeRecord
 from cnca.jobs.accuracy.fidelity import (
     Pixels,
@@ -35,76 +37,32 @@ from cnca.jobs.accuracy.fidelity import (
     squared_noise,
     vehicle_pixels,
 )
-from cnca.scene.cameras import View, orbit_view
-from cnca.scene.schema import Scene
-from cnca.scene.weather import Fog, Weather
+from cnca.jobs.accuracy.random_cases import SHOWING, SIZE, Case, random_case
+from cnca.mi_bridge.portions import vehicle_part
 
 MODELS = [(effect, model) for effect in EFFECTS.values() for model in effect.priced]
 """What is priced."""
-SIZE, LARGE = 64, 192
-"""Pixels per side of the pictures that are compared, and of the larger ones of the noise."""
+LARGE = 192
+"""Pixels per side of the larger pictures of the noise."""
 SAMPLES = 256
 """Rays per pixel of each of their halves."""
 NOISE_SAMPLES = (4, 16, 64)
 """Rays per pixel at which noise is measured, fewest first."""
 LEAST_ERROR = 1e-5
 """Stands for an error of exactly 0, which has no logarithm: pictures that are the same."""
-VEHICLES = ("sedan", "hatchback", "suv", "van", "pickup")
-
-
-@dataclass(frozen=True)
-class Case:
-    """One picture of one random scene."""
-
-    scene: Scene
-    albedo: torch.Tensor
-    view: View
-    weather: Weather
-
-
-def random_case(seed: int) -> Case:
-    """Vehicle, paint, ground, camera and weather at random; two of five in fog, one in dusk.
-
-    In one of four the windows are clear.
-    """
-    rng = np.random.default_rng(seed)
-    vehicle: dict[str, object] = {"mesh": f"builtin:{rng.choice(VEHICLES)}", "texture_size": 64}
-    ground = {"color": [float(rng.uniform(0.2, 0.8))] * 3}
-    altitude = rng.uniform(-8, 0) if rng.random() < 0.2 else rng.uniform(3, 80)
-    fog = Fog(
-        visibility=float(np.exp(rng.uniform(np.log(30), np.log(60_000)))),
-        height=float(rng.uniform(3, 100)),
-        albedo=float(rng.uniform(0.9, 1.0)),
-    )
-    weather = Weather(
-        float(altitude),
-        float(rng.uniform(0, 360)),
-        float(rng.uniform(2, 8)),
-        fog=fog if rng.random() < 0.4 else None,
-    )
-    azimuth, elevation, distance = rng.uniform([0, 3, 5], [360, 35, 15])
-    view = orbit_view(
-        float(azimuth),
-        float(elevation),
-        float(distance),
-        fov=float(np.degrees(2 * np.arctan(3 / distance))),
-        width=SIZE,
-        height=SIZE,
-    )
-    blocks = rng.choice([1, 8])
-    paint = rng.uniform(0.02, 0.9, (3, blocks, blocks)) ** rng.uniform(0.5, 2.5)
-    albedo = torch.from_numpy(paint).float().repeat_interleave(64 // blocks, 1)
-    albedo = albedo.repeat_interleave(64 // blocks, 2).contiguous()
-    if rng.random() < 0.25:
-        vehicle["glass_transmission"] = float(rng.uniform(0.2, 0.9))
-    return Case(Scene.model_validate({"vehicle": vehicle, "ground": ground}), albedo, view, weather)
+AMONG_HOUSES = ("surroundings", "lamps")
+"""Effects of a world, priced by the vehicle's pixels alone, as a loop renders them."""
+LEAST_PIXELS = 50
+"""Of the vehicle, or too much of it is hidden for the case to tell anything."""
 
 
 class Studio:
     """Renders one case with the models that are asked for."""
 
-    def __init__(self, case: Case) -> None:
-        self.renderer = build.build_renderer(case.scene, build.build_vehicle(case.scene))
+    def __init__(self, case: Case, *, vehicle_only: bool = False) -> None:
+        """``vehicle_only`` renders its pixels alone, in which a world may be simplified."""
+        self.renderer = build.build_path_tracer(case.scene, build.build_vehicle(case.scene))
+        self.vehicle_only = vehicle_only
         self.look(case)
 
     def look(self, case: Case) -> None:
@@ -123,10 +81,15 @@ class Studio:
     def picture(self, demand: Demand, seed: int) -> Pixels:
         """Pixels of the vehicle."""
         case = self.case
-        image = self.renderer.render(
-            LinearTexture(case.albedo), [case.view], case.weather, seed=seed, demand=demand
+        what = LinearTexture(case.albedo), [case.view], case.weather
+        if not self.vehicle_only:
+            return vehicle_pixels(self.renderer.render(*what, seed=seed, demand=demand), self.mask)
+        pixels = np.flatnonzero(self.mask)
+        portion = vehicle_part(np.ones(len(pixels)))
+        light = self.renderer.render_pixels(
+            *what, pixels, seed=seed, demand=demand, portion=portion
         )
-        return vehicle_pixels(image, self.mask)
+        return light.numpy().astype(np.float64)
 
     def halves(self, demand: Demand) -> tuple[tuple[Pixels, Pixels], float]:
         """Two independent pictures, and the second one's processor seconds per million rays."""
@@ -134,13 +97,13 @@ class Studio:
         started = time.process_time()
         second = self.picture(demand, seed=2)
         seconds = time.process_time() - started
-        rays = self.case.view.width * self.case.view.height * self.plan(demand).samples
-        return (first, second), seconds / rays * 1e6
+        rays = self.mask.sum() if self.vehicle_only else self.mask.size
+        return (first, second), seconds / (float(rays) * self.plan(demand).samples) * 1e6
 
 
 def demand(samples: int, **forced: Model) -> Demand:
     """The reference's models but for those named."""
-    return Demand(reference=True, forced={"samples": samples, **forced})
+    return Demand(reference=True, forced={"samples": samples, "surroundings": GEOMETRY, **forced})
 
 
 def measure(case: Case, only: str | None = None) -> CaseRecord:
@@ -148,9 +111,11 @@ def measure(case: Case, only: str | None = None) -> CaseRecord:
 
     With the name of an effect, the errors of its models alone.
     """
-    studio = Studio(case)
+    studio = Studio(case, vehicle_only=only in AMONG_HOUSES)
     full = demand(SAMPLES)
     best = studio.plan(full)
+    if studio.mask.sum() < LEAST_PIXELS:
+        return CaseRecord(best.subject.features(), {}, {}, [], [])
     reference, seconds = studio.halves(full)
     timed = [TimeRecord(dict(best.models), seconds)]
     errors, known = {}, {}
@@ -164,22 +129,41 @@ def measure(case: Case, only: str | None = None) -> CaseRecord:
         errors[effect.key(model)] = float(max(bias, uncertainty) ** 0.5)
         known[effect.key(model)] = effect.share(model, best.subject)
         timed.append(TimeRecord(dict(studio.plan(lower).models), seconds))
+    if only in SHOWING and all(EFFECTS[str(only)].work(t.models[str(only)]) for t in timed):
+        timed.append(_without(studio, str(only)))
     return CaseRecord(
         features=best.subject.features(),
         known=known,
         errors=errors,
         noise=measure_noise(studio) if only is None else [],
-        timed=timed if only is None else [],
+        timed=timed if only is None or only in SHOWING else [],
     )
 
 
+def _without(studio: Studio, effect: str) -> TimeRecord:
+    """The time of the same picture without the effect, or with a model that takes none."""
+    full = demand(SAMPLES)
+    if effect == "surroundings":
+        scene = studio.case.scene.model_copy(update={"world": None})
+        studio = Studio(replace(studio.case, scene=scene), vehicle_only=True)
+    else:
+        free = [m for m in EFFECTS[effect].models if not EFFECTS[effect].work(m)]
+        full = demand(SAMPLES, **{effect: free[-1]})
+    return TimeRecord(dict(studio.plan(full).models), studio.halves(full)[1])
+
+
 def models_of(only: str | None) -> list[tuple[Effect, Model]]:
-    """What is priced, of all effects or of one; raises CncaError for one without prices."""
-    priced = sorted({effect.name for effect, _ in MODELS})
-    if only is not None and only not in priced:
+    """What is priced, of one effect or of all that plain scenes show.
+
+    Raises CncaError for an effect without prices.
+    """
+    if only is None:
+        return [(effect, model) for effect, model in MODELS if effect.name not in SHOWING]
+    priced = sorted({effect.name for effect, _ in MODELS} | set(SHOWING))
+    if only not in priced:
         hint = did_you_mean(only, priced)
         raise CncaError(f"--only {only}: effects with prices are {', '.join(priced)}{hint}")
-    return [(effect, model) for effect, model in MODELS if only in (None, effect.name)]
+    return [(effect, model) for effect, model in MODELS if effect.name == only]
 
 
 def measure_noise(studio: Studio) -> list[NoiseRecord]:
@@ -197,10 +181,14 @@ def measure_noise(studio: Studio) -> list[NoiseRecord]:
     return rows
 
 
-def fit_prices(records: Sequence[CaseRecord], only: str | None = None) -> Prices:
+def fit_prices(
+    records: Sequence[CaseRecord], only: str | None = None, beside: Prices | None = None
+) -> Prices:
     """Prices that explain what :func:`measure` found in many cases.
 
-    Of one effect alone, they stand beside all others of the list that ships.
+    Args:
+        only: whose prices they are; by default of all effects that plain scenes show.
+        beside: those of all others, where they are of one effect; by default what ships.
     """
     errors = {}
     for effect, model in models_of(only):
@@ -211,8 +199,11 @@ def fit_prices(records: Sequence[CaseRecord], only: str | None = None) -> Prices
         values = [max(r.errors[key], LEAST_ERROR) / r.known[key] for r in known]
         errors[key] = fit([r.features for r in known], values)
     if only is not None:
-        shipped = shipped_prices()
-        return replace(shipped, errors={**shipped.errors, **errors})
+        beside = beside or shipped_prices()
+        seconds = _extra_seconds(EFFECTS[only], records, beside)
+        return replace(
+            beside, errors={**beside.errors, **errors}, seconds={**beside.seconds, **seconds}
+        )
     rows = [row for record in records for row in record.noise]
     noise = fit([row.features for row in rows], [row.noise for row in rows])
     return Prices(errors, noise, _fit_seconds(records))
@@ -232,6 +223,20 @@ def _fit_seconds(records: Sequence[CaseRecord]) -> dict[str, float]:
     return {part: round(float(s), 5) for part, s in zip(parts, solution, strict=True)}
 
 
+def _extra_seconds(
+    effect: Effect, records: Sequence[CaseRecord], prices: Prices
+) -> dict[str, float]:
+    """Median seconds that the effect adds, on the machine whose seconds ``prices`` has."""
+    extra: dict[str, list[float]] = {}
+    for record in records:
+        free = [t for t in record.timed if not effect.work(t.models[effect.name])]
+        for timed in record.timed:
+            for part in effect.work(timed.models[effect.name]) if free else {}:
+                here = predicted_seconds(free[-1].models, prices) / free[-1].seconds
+                extra.setdefault(part, []).append(here * (timed.seconds - free[-1].seconds))
+    return {part: round(max(float(np.median(s)), 0.0), 5) for part, s in extra.items()}
+
+
 def calibrate(
     out: Path, *, scenes: int, seed: int, console: Console, only: str | None = None
 ) -> Path:
@@ -242,17 +247,21 @@ def calibrate(
     """
     models_of(only)  # a wrong name is refused before anything is written
     RunFolder(out, "calibrate").claim({"seed": seed, "only": only}, {}, resume=True)
-    records = []
-    with bar(console) as progress:
-        for index in progress.track(range(scenes), description="scenes"):
-            path = out / f"case_{seed}_{index}.json"
-            if not path.exists():
-                write_json(path, as_json(measure(random_case(seed + index), only)))
-            records.append(read_record(CaseRecord, path, advice="delete it"))
+    prices = shipped_prices()
+    for effect in [only] if only else [None, *SHOWING]:
+        records = []
+        with bar(console) as progress:
+            for index in progress.track(range(scenes), description=effect or "scenes"):
+                name = f"case_{effect}" if effect in SHOWING else "case"
+                path = out / f"{name}_{seed}_{index}.json"
+                if not path.exists():
+                    case = random_case(seed + index, effect, out)
+                    write_json(path, as_json(measure(case, effect)))
+                records.append(read_record(CaseRecord, path, advice="delete it"))
+        prices = fit_prices(records, effect, prices)
     made = f"cnca calibrate --scenes {scenes} --seed {seed}"
     if only is not None:
         made = f"{shipped_calibration().made_by}; {made} --only {only}"
-    prices = fit_prices(records, only)
     calibration = Calibration(made, (SIZE, LARGE), (SAMPLES, SAMPLES), versions(), prices)
     write_json(out / "prices.json", as_json(calibration))
     return out / "prices.json"

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from cnca.core.errors import RunError
+from cnca.effects.catalog import EFFECTS
+from cnca.effects.daylight import MOST_CONTRAST, contrast
+from cnca.effects.plan import predicted_seconds
+from cnca.effects.prices import shipped_prices
 from cnca.effects.subject import TYPICAL
-from cnca.jobs.accuracy.calibrate import (
-    MODELS,
-    fit_prices,
-    obtained_error,
-    random_case,
-)
+from cnca.jobs.accuracy.calibrate import MODELS, fit_prices, obtained_error
 from cnca.jobs.accuracy.case_records import CaseRecord, NoiseRecord, TimeRecord
+from cnca.jobs.accuracy.random_cases import random_case
 
 HELD_OUT = range(2000, 2012)
 """Seeds of random scenes; those of the shipped prices begin at 0."""
@@ -79,3 +79,33 @@ def test_too_few_scenes_are_refused():
     errors = {key: error for key, error in foggy.errors.items() if key != "fog=none"}
     with pytest.raises(RunError, match="none of them shows fog=none"):
         fit_prices([replace(foggy, errors=errors)])
+
+
+def test_scenes_of_an_effect_show_it(tmp_path):
+    assert random_case(1, "wetness").scene.ground.wetness > 0
+    assert random_case(1, "surroundings").scene.world is not None
+    night = random_case(1, "lamps")
+    assert night.scene.world is not None
+    assert night.weather.lamps_lit
+    for seed in range(3):
+        assert contrast(random_case(seed, "sky", tmp_path).weather) > MOST_CONTRAST
+    plain, wet = random_case(1), random_case(1, "wetness")
+    assert (plain.view, plain.weather) == (wet.view, wet.weather)
+
+
+def test_an_effect_costs_what_it_adds_on_the_machine_of_the_list():
+    """A machine half as fast measures twice the seconds, of the effect and of all else."""
+    models = {name: effect.models[0] for name, effect in EFFECTS.items()} | {"samples": 16}
+    plane = predicted_seconds(models, shipped_prices())
+    extra = {"backdrop": 0.0, "probe": 0.25, "geometry": 0.5}
+    timed = [
+        TimeRecord(models | {"surroundings": model}, 2 * (plane + seconds))
+        for model, seconds in {**extra, "none": 0.0}.items()
+    ]
+    errors = {"surroundings=backdrop": 0.3, "surroundings=probe": 0.02}
+    case = CaseRecord([1.0, 0, 0, 0, 0], dict.fromkeys(errors, 1.0), errors, [], timed)
+    prices = fit_prices([case] * 4, "surroundings")
+    for model, seconds in extra.items():
+        assert prices.seconds[f"surroundings={model}"] == pytest.approx(seconds, abs=1e-4)
+    assert prices.errors["surroundings=probe"].error(case.features) == pytest.approx(0.02, rel=0.05)
+    assert prices.errors["fog=none"] == shipped_prices().errors["fog=none"]
