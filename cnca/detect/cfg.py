@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -19,8 +19,13 @@ _TRAINING = {
         max_batches policy steps scales mosaic mosaic_bound cutmix mixup flip max_crop min_crop
         gamma step power time_steps track augment_speed sequential_subdivisions num_steps
         optimized_memory workspace_size_limit_MB blur gaussian_noise dynamic_minibatch ema_alpha
-        adversarial_lr label_smooth_eps resize_step random""",
-    "convolutional": "stopbackward dontload",
+        adversarial_lr label_smooth_eps resize_step random adam B1 B2 eps sgdr_cycle sgdr_mult
+        burnin_update dropblock_size_abs mosaic_scale aspect min_ratio max_ratio contrastive
+        contrastive_color contrastive_jit_flip loss_scale try_fix_nan init_delay show_details
+        badlabels_rejection_percentage num_sigmas_reject_badlabels unsupervised equidistant_point
+        reject_threshold weights_reject_freq seq_scales swa use_cuda_graph""",
+    "convolutional": "stopbackward dontload burnin_update train_only_bn",
+    "dropout": "dropblock dropblock_size_abs dropblock_size_rel",
     "yolo": """jitter ignore_thresh truth_thresh random iou_thresh cls_normalizer iou_normalizer
         iou_loss nms_kind beta_nms max max_delta obj_normalizer resize label_smooth_eps focal_loss
         objectness_smooth counters_per_class map""",
@@ -41,6 +46,17 @@ _READ = {
     "anchor_free": "classes",  # our own; Darknet has no such head
 }
 SECTIONS = tuple(kind for kind in _READ if kind != "net")
+_ALIASES = {"network": "net", "conv": "convolutional", "max": "maxpool", "avg": "avgpool"}
+_DARKNETS = """region gaussian_yolo detection softmax soft cost crop connected conn local
+    local_avgpool local_avg reorg3d rnn crnn lstm gru conv_lstm history deconvolutional
+    normalization lrn batchnorm activation implicit contrastive empty silence
+    stride_x stride_y dilation antialiasing xnor binary bin_output share_index assisted_excitation
+    rotate stretch stretch_sway sway coordconv deform wait_stream maxpool_depth out_channels scale
+    weights_type weights_normalization embedding_layer"""
+"""Sections and keys that Darknet has beside these: to name a similar one would change the network.
+
+Source: AlexeyAB/darknet, ``src/parser.c``.
+"""
 
 
 @dataclass(frozen=True)
@@ -147,11 +163,11 @@ def parse_config(text: str, path: Path) -> Config:
 
 def _open_section(path: Path, content: str, number: int, count: int) -> Section:
     kind = content.strip("[] ").lower()
-    kind = "net" if kind == "network" else kind
+    kind = _ALIASES.get(kind, kind)
     place = "" if kind == "net" else f"layer {count - 1} "  # as Darknet counts: [net] is none
     where = f"{path}, {place}[{kind}] at line {number}"
     if kind not in _READ or (kind == "net") != (count == 0):
-        hint = did_you_mean(kind, SECTIONS)
+        hint = _hint(kind, SECTIONS)
         problem = "must be the first section" if count == 0 or kind == "net" else "is not supported"
         first = "[net]" if count == 0 else f"[{kind}]"
         raise DetectorError(f"{where}: {first} {problem}{hint}")
@@ -166,5 +182,14 @@ def _add_option(section: Section, content: str, number: int) -> None:
     if key in _TRAINING.get(section.kind, "").split():
         return
     if key not in known:
-        raise section.error(f"unknown key '{key}' at line {number}{did_you_mean(key, known)}")
-    section.options[key] = value
+        raise section.error(f"unknown key '{key}' at line {number}{_hint(key, known)}")
+    if section.options.setdefault(key, value) != value:
+        raise section.error(
+            f"line {number}: {key}={value}, but {key}={section.options[key]} before"
+        )
+
+
+def _hint(word: str, known: Sequence[str]) -> str:
+    if word in _DARKNETS.split():
+        return ": Darknet has it, this reader does not; run the network as ONNX"
+    return did_you_mean(word, known)

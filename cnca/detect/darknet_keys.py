@@ -22,7 +22,15 @@ ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
     "logistic": torch.sigmoid,
     "tanh": torch.tanh,
     "elu": functional.elu,
+    "selu": functional.selu,
+    "gelu": lambda x: functional.gelu(x, approximate="tanh"),
+    "ramp": lambda x: functional.relu(x) + 0.1 * x,
+    "loggy": lambda x: 2 * torch.sigmoid(x) - 1,
+    "hard_mish": lambda x: torch.where(x > 0, x, 0.5 * x.clamp(min=-2) * (x.clamp(min=-2) + 2)),
 }
+DARKNETS = ("norm_chan", "norm_chan_softmax", "norm_chan_softmax_maxval", "lhtan", "plse", "stair",
+            "hardtan", "revleaky", "relie")  # fmt: skip
+"""Others that Darknet has: to name a similar one would change the network."""
 
 Features = Float[Tensor, "batch _ _ _"]
 Outputs = Mapping[int, Features]
@@ -41,7 +49,8 @@ def activation(section: Section, default: str) -> Callable[[Tensor], Tensor]:
     """What the key ``activation`` says."""
     name = section.text("activation", default)
     if name not in ACTIVATIONS:
-        raise section.error(f"unknown activation '{name}'{did_you_mean(name, ACTIVATIONS)}")
+        hint = "" if name in DARKNETS else did_you_mean(name, ACTIVATIONS)
+        raise section.error(f"unknown activation '{name}'{hint}")
     return ACTIVATIONS[name]
 
 

@@ -157,6 +157,11 @@ def test_activations_by_formula():
         "logistic": 1 / (1 + torch.exp(-x)),
         "tanh": (torch.exp(2 * x) - 1) / (torch.exp(2 * x) + 1),
         "elu": torch.where(x > 0, x, torch.exp(x) - 1),
+        "selu": 1.0507009873554805 * torch.where(x > 0, x, 1.6732632423543772 * (torch.exp(x) - 1)),
+        "gelu": x / 2 * (1 + torch.tanh((2 / torch.pi) ** 0.5 * (x + 0.044715 * x**3))),
+        "ramp": x * (x > 0) + 0.1 * x,
+        "loggy": 2 / (1 + torch.exp(-x)) - 1,
+        "hard_mish": torch.where(x > 0, x, torch.where(x > -2, x * x / 2 + x, 0 * x)),
     }
     assert formulas.keys() == ACTIVATIONS.keys()
     for name, expected in formulas.items():
