@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from cnca.attack.records import StepRecord
 from cnca.core.images import read_texture_srgb
-from cnca.core.pictures import CAPTION_HEIGHT, SrgbPicture
+from cnca.core.pictures import SrgbPicture
 from cnca.core.records import from_json, read_record
 from cnca.judge.bootstrap import Sampled, resample
 from cnca.judge.summary import Summary, TextureScores
@@ -88,15 +88,12 @@ def _scores(numbers: TextureScores) -> str:
 
 
 def _tiles(folder: Path, summary: Summary) -> tuple[list[SrgbPicture], ...]:
-    """The pictures of ``before_after.png``, a contact sheet of two rows, without their captions."""
+    """The pictures of ``before_after.png``, a contact sheet of two rows."""
     sheet = (read_texture_srgb(folder / "before_after.png") * 255).round().astype(np.uint8)
     height, columns = sheet.shape[0] // 2, len(shown_views(summary.held_out_views))
     width = sheet.shape[1] // columns
     return tuple(
-        [
-            sheet[top + CAPTION_HEIGHT : top + height, left * width : (left + 1) * width]
-            for left in range(columns)
-        ]
+        [sheet[top : top + height, left * width : (left + 1) * width] for left in range(columns)]
         for top in (0, height)
     )
 

@@ -48,7 +48,7 @@ def attack(folder: Path, after=BLUE) -> Path:
     (folder / "summary.json").write_text(json.dumps(SUMMARY))
     (folder / "manifest.json").write_text(json.dumps(MANIFEST))
     tiles = [flat(c) for c in (RED, WHITE, RED, RED, after, GREEN, after, after)]
-    write_png(folder / "before_after.png", side_by_side(tiles, ["x"] * 8, columns=4))
+    write_png(folder / "before_after.png", side_by_side(tiles, columns=4))
     for name in ("texture.png", "texture_prompt.png"):
         write_png(folder / name, flat(after))
     return folder

@@ -97,16 +97,18 @@ def best_of_seeds(attack: Attack, settings: Settings, count: int) -> SrgbTexture
 
 
 def _before_after(results: dict[str, Result], target: Target) -> SrgbPicture:
-    """Rows: plain paint and camouflage; columns: views spread over the held-out set."""
-    tiles, captions = [], []
+    """Rows: plain paint and camouflage; columns: views spread over the held-out set.
+
+    Nothing is written into it: the report sets the scores beside the pictures.
+    """
+    tiles = []
     for name in ("before", "after"):
         result = results[name]
         for i in shown_views(len(result.images)):
             sure = result.detections[i].above(ALARM)
             picture = as_pictures(SrgbImages(result.images[i : i + 1]))[0]
             tiles.append(draw_boxes(picture, sure, target.detector.class_names, result.boxes[i]))
-            captions.append(f"{name}: score {result.scores[i]:.2f}")
-    return side_by_side(tiles, captions, columns=len(tiles) // 2)
+    return side_by_side(tiles, columns=len(tiles) // 2)
 
 
 def _summarize(

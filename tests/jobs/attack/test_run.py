@@ -279,3 +279,5 @@ def check_folder(out: Path):
     assert "<table>" in (out / "report.html").read_text()
     for name in ("texture.png", "before_after.png"):
         assert cv2.imread(str(out / name)) is not None
+    height, width, _ = cv2.imread(str(out / "before_after.png")).shape
+    assert height / 2 == width / 4  # two rows of four square pictures, nothing written above them
