@@ -48,6 +48,9 @@ def main() -> None:
         take_steps(options.steps_of == "street", options.turns)
         return
     scene = load_scene(STREET)
+    if options.only == "fog":
+        print(f"bias in fog against volpath: {fog_bias(scene, options.spp):+.4f}")
+        return
     fidelity = {rung: errors(scene, rung, options.spp) for rung in ("backdrop", "probe")}
     price = prices(options.turns)
     fog = fog_bias(scene, options.spp)
@@ -73,6 +76,7 @@ def _options() -> argparse.Namespace:
     options = parser(__doc__)
     options.add_argument("--turns", type=int, default=9, help="steps of each kind")
     options.add_argument("--spp", type=int, default=256, help="rays per pixel of the comparisons")
+    options.add_argument("--only", choices=("fog",), help="print the bias in fog alone")
     # By this the benchmark starts itself.
     options.add_argument("--steps-of", choices=("street", "plane"), help=argparse.SUPPRESS)
     return options.parse_args()
