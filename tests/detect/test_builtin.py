@@ -10,6 +10,7 @@ from cnca.core.errors import CncaError, DetectorError, RunError
 from cnca.detect import BUILTINS, TRAINED, detector_files, load_detector
 from cnca.train.detector.builtin import train_builtin
 from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.obstacles import CLASSES
 from cnca.train.detector.request import DetectorRequest
 from cnca.train.detector.training import DetectorTask, Settings, start
 from cnca.train.detector.yolo_loss import Targets
@@ -27,7 +28,7 @@ def pictures(tmp_path_factory):
     images = np.full((2, 256, 256, 3), 90, np.uint8)
     images[0, 100:160, 60:180] = 255
     np.save(folder / "images.npy", images)
-    labels = {"class_names": ["car"], "boxes": [[[60, 100, 180, 160, 0]], []]}
+    labels = {"class_names": [*CLASSES], "boxes": [[[60, 100, 180, 160, 0]], []]}
     labels |= {"group": ["plain", "empty"], "split": ["train", "train"]}
     (folder / "labels.json").write_text(json.dumps(labels))
     return LabelledPictures(folder)
@@ -51,8 +52,8 @@ class TestRandomWeights(DetectorContract):
     def detector(self, untrained):
         return untrained
 
-    def test_knows_cars_alone(self, detector):
-        assert detector.class_names == ("car",)
+    def test_knows_cars_from_obstacles(self, detector):
+        assert detector.class_names == CLASSES
 
 
 def test_loss_falls(subject, pictures, monkeypatch):

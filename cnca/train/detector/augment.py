@@ -12,6 +12,7 @@ from cnca.train.detector.cover import cover
 
 Picture = UInt8[np.ndarray, "_ _ 3"]
 BoxArray = Float[np.ndarray, "_ 4"]
+Labels = Float[np.ndarray, "_ 5"]
 
 ZOOM = (0.6, 1.8)
 SHIFT = 0.2
@@ -26,20 +27,20 @@ GREY = (128, 128, 128)
 
 def augment(
     picture: Picture,
-    boxes: BoxArray,
+    labels: Labels,
     size: tuple[int, int],
     rng: np.random.Generator,
     *,
     loud_patches: bool = False,
-) -> tuple[Picture, BoxArray, np.ndarray]:
-    """Return a picture of ``size`` (height, width), its boxes and which of ``boxes`` they are.
+) -> tuple[Picture, Labels]:
+    """Return a picture of ``size`` (height, width), and what is to be found in it.
 
-    ``loud_patches`` are those of :func:`cnca.train.detector.cover.cover`.
+    ``labels`` are left, top, right, bottom in pixels, and the class; ``loud_patches`` are those of
+    :func:`cnca.train.detector.cover.cover`.
     """
-    picture, boxes, kept = _move(picture, boxes, size, rng)
+    picture, labels = _move(picture, labels, size, rng)
     if loud_patches:
-        picture, seen = cover(picture, boxes, rng)
-        boxes, kept[kept] = boxes[seen], seen
+        picture, labels = cover(picture, labels, rng)
     picture = _recolor(picture, rng)
     if rng.random() < BLUR_CHANCE:
         picture = cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.4, 1.5))
@@ -49,20 +50,20 @@ def augment(
     if rng.random() < JPEG_CHANCE:
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(*JPEG_QUALITY))]
         picture = cv2.imdecode(cv2.imencode(".jpg", picture, quality)[1], cv2.IMREAD_COLOR)
-    return picture, boxes, kept
+    return picture, labels
 
 
 def _move(
-    picture: Picture, boxes: BoxArray, size: tuple[int, int], rng: np.random.Generator
-) -> tuple[Picture, BoxArray, np.ndarray]:
+    picture: Picture, labels: Labels, size: tuple[int, int], rng: np.random.Generator
+) -> tuple[Picture, Labels]:
     """Zoom, shift and mirror; objects that leave the picture are dropped."""
     zoom = float(np.exp(rng.uniform(*np.log(ZOOM))))
     shift = tuple(rng.uniform(-SHIFT, SHIFT, 2))
     matrix = _placement(picture.shape, size, zoom, shift, mirrored=rng.random() < 0.5)
-    moved = _warp_boxes(boxes, matrix)
+    moved = _warp_boxes(labels[:, :4], matrix)
     inside = np.clip(moved, 0, [size[1], size[0], size[1], size[0]])
     kept = _areas(inside) >= SMALLEST_REMAINDER * np.maximum(_areas(moved), 1.0)
-    return _warp(picture, matrix, size), inside[kept], kept
+    return _warp(picture, matrix, size), np.hstack([inside, labels[:, 4:]])[kept]
 
 
 def _placement(

@@ -1,9 +1,9 @@
 """Patches of loud texture on training pictures, some of them over vehicles.
 
 After CutMix (Yun et al. 2019) and random erasing (Zhong et al. 2020).  A vehicle that is mostly
-covered is no target any more, though its wheels and its outline still show.  So a detector learns,
-as on roads, that loud textures are seldom vehicles.  Without these patches a detector of a single
-class looks for wheels, windows and shadows alone, and no paint moves it.
+covered is no target any more, though its wheels and its outline still show; the patch is an
+obstacle.  So a detector learns, as on roads, that loud textures are seldom vehicles.  Without these
+patches it looks for wheels, windows and shadows alone, and no paint moves it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from cnca.gen.textures import sample
+from cnca.train.detector.obstacles import LEAST_SIDE, OBSTACLE
 
 CHANCE, MOST_PATCHES = 0.5, 3
 """Chance that a picture is covered at all, and by how many patches at most."""
@@ -24,7 +25,7 @@ AIMED = 0.5
 ON_VEHICLE, ELSEWHERE = (0.5, 1.1), (0.1, 0.4)
 """Sides relative to those of the vehicle's box, or of the picture."""
 LEAST_SEEN = 0.5
-"""Share of its box that must stay free for a vehicle to remain a target."""
+"""Share of its box that must stay free for a thing to remain a target."""
 TEXTURES = 128
 
 Picture = UInt8[np.ndarray, "_ _ 3"]
@@ -38,19 +39,39 @@ def loud_textures() -> tuple[Picture, ...]:
 
 
 def cover(
-    picture: Picture, boxes: Float[np.ndarray, "_ 4"], rng: np.random.Generator
-) -> tuple[Picture, Bool[np.ndarray, " _"]]:
-    """Return the picture with patches, and which of ``boxes`` are still to be found."""
+    picture: Picture, labels: Float[np.ndarray, "_ 5"], rng: np.random.Generator
+) -> tuple[Picture, Float[np.ndarray, "_ 5"]]:
+    """Return the picture with patches, and what is still, or now, to be found in it.
+
+    ``labels`` are left, top, right, bottom in pixels, and the class.
+    """
     if rng.random() >= CHANCE:
-        return picture, np.ones(len(boxes), bool)
+        return picture, labels
     size, textures = picture.shape[:2], loud_textures()
-    hidden = np.zeros(size, bool)
+    hidden, obstacles = np.zeros(size, bool), np.zeros((0, 5))
+    vehicles = labels[labels[:, 4] != OBSTACLE, :4]
     for _ in range(rng.integers(1, MOST_PATCHES + 1)):
-        patch = _patch(size, boxes, rng)
+        patch = _patch(size, vehicles, rng)
         texture = _filled(textures[rng.integers(len(textures))], size, rng)
         picture = np.where(patch[..., None], texture, picture)
+        obstacles = np.concatenate([_still_seen(patch, obstacles), _obstacle(patch)])
         hidden |= patch
-    return picture, np.array([_seen(hidden, box) >= LEAST_SEEN for box in boxes], bool)
+    return picture, np.concatenate([_still_seen(hidden, labels), obstacles])
+
+
+def _obstacle(patch: Bool[np.ndarray, "_ _"]) -> Float[np.ndarray, "_ 5"]:
+    """The label of a patch; none of one that is too small to be found."""
+    rows, columns = np.nonzero(patch.any(axis=1))[0], np.nonzero(patch.any(axis=0))[0]
+    if min(len(rows), len(columns)) < LEAST_SIDE:
+        return np.zeros((0, 5))
+    return np.array([[columns[0], rows[0], columns[-1] + 1, rows[-1] + 1, OBSTACLE]], float)
+
+
+def _still_seen(
+    hidden: Bool[np.ndarray, "_ _"], labels: Float[np.ndarray, "_ 5"]
+) -> Float[np.ndarray, "_ 5"]:
+    """Those of which enough is free."""
+    return labels[np.array([_seen(hidden, row[:4]) >= LEAST_SEEN for row in labels], bool)]
 
 
 def _seen(hidden: Bool[np.ndarray, "_ _"], box: Float[np.ndarray, "4"]) -> float:

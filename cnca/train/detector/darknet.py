@@ -41,6 +41,7 @@ class TrainableDarknet(TrainableDetector):
         network = Darknet(read_config(config), torch.Generator().manual_seed(seed))
         set_object_prior(network)
         self.network, self.heads, self.size = network, network.heads, network.config.size
+        self.classes = network.heads[0].classes
 
     @classmethod
     def begin(

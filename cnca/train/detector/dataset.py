@@ -104,9 +104,12 @@ class TrainingPictures(Dataset[Any]):
         size: tuple[int, int],
         seed: int,
         *,
+        classes: int,
         loud_patches: bool = False,
     ) -> None:
-        self.data, self.size, self.seed, self.loud_patches = data, size, seed, loud_patches
+        """Of the data's classes only the first ``classes`` are to be found."""
+        self.data, self.size, self.seed = data, size, seed
+        self.classes, self.loud_patches = classes, loud_patches
         self.indices = data.of_split(TRAIN)
         self.epoch = 0
 
@@ -116,16 +119,14 @@ class TrainingPictures(Dataset[Any]):
     def __getitem__(self, item: int) -> tuple[UInt8[np.ndarray, "height width 3"], np.ndarray]:
         """A picture and its boxes (objects, 5), the class last."""
         index = self.indices[item]
-        rng = np.random.default_rng((self.seed, self.epoch, index))
-        labels = self.data.boxes[index]
-        picture, boxes, kept = augment(
+        picture, labels = augment(
             np.asarray(self.data.pictures[index]),
-            labels[:, :4],
+            self.data.boxes[index],
             self.size,
-            rng,
+            np.random.default_rng((self.seed, self.epoch, index)),
             loud_patches=self.loud_patches,
         )
-        return picture, np.concatenate([boxes, labels[kept, 4:]], axis=1)
+        return picture, labels[labels[:, 4] < self.classes]
 
 
 def collate(

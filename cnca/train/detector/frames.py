@@ -12,6 +12,7 @@ from cnca.core.errors import DetectorError
 from cnca.core.files import replacing
 from cnca.core.images import read_texture_srgb
 from cnca.train.detector.dataset import TEST, TRAIN
+from cnca.train.detector.obstacles import CAR, CLASSES
 
 VEHICLE = 0
 """The label in the files that becomes class ``car``; the others are no targets."""
@@ -45,7 +46,7 @@ def gather_frames(folder: Path, out: Path, *, held_out: Sequence[str] = ()) -> N
         for file, picture in zip(files, pictures, strict=True)
     ]
     table = {
-        "class_names": ["car"],
+        "class_names": [*CLASSES],
         "boxes": boxes,
         "group": groups,
         "split": [TEST if group in held_out else TRAIN for group in groups],
@@ -58,7 +59,7 @@ def gather_frames(folder: Path, out: Path, *, held_out: Sequence[str] = ()) -> N
 
 
 def _boxes(path: Path, picture: np.ndarray) -> list[list[float]]:
-    """left, top, right, bottom in pixels and class 0 of every vehicle."""
+    """left, top, right, bottom in pixels and class of every vehicle."""
     height, width = picture.shape[:2]
     boxes = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
@@ -72,5 +73,5 @@ def _boxes(path: Path, picture: np.ndarray) -> list[list[float]]:
             low = np.array([(x - w / 2) * width, (y - h / 2) * height]).clip(0)
             high = np.minimum([(x + w / 2) * width, (y + h / 2) * height], [width, height])
             if (high > low).all():
-                boxes.append([*low.tolist(), *high.tolist(), 0])
+                boxes.append([*low.tolist(), *high.tolist(), CAR])
     return boxes

@@ -12,6 +12,7 @@ from jaxtyping import UInt8
 
 from cnca.core.files import replacing
 from cnca.train.detector.dataset import TEST, TRAIN
+from cnca.train.detector.obstacles import CLASSES
 
 TEST_SHARE = 0.15
 """Share of the scenes, the first ones, that are for testing."""
@@ -39,7 +40,12 @@ def save_part(path: Path, pictures: Sequence[Picture]) -> None:
 def join(out: Path, parts: Sequence[Path], *, test_share: float = TEST_SHARE) -> None:
     """Join scenes into the data set that :class:`LabelledPictures` reads."""
     images: list[np.ndarray] = []
-    table: dict[str, list[object]] = {"class_names": ["car"], "boxes": [], "group": [], "split": []}
+    table: dict[str, list[object]] = {
+        "class_names": [*CLASSES],
+        "boxes": [],
+        "group": [],
+        "split": [],
+    }
     for index, part in enumerate(parts):
         with np.load(part) as scene:
             pictures, labels = scene["images"], json.loads(str(scene["labels"]))

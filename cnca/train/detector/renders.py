@@ -24,6 +24,7 @@ from cnca.scene import controls
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.paint import Paint
 from cnca.scene.weather import Fog, Weather
+from cnca.train.detector.obstacles import CAR, obstacle_boxes
 from cnca.train.detector.parts import Picture, join, save_part
 from cnca.vehicle.builtin import props
 from cnca.vehicle.builtin.sedan import BUILTIN_VEHICLES, build_sedan
@@ -113,12 +114,13 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
     empty = rng.random() < cast.empty_share
     name = str(rng.choice(list(cast.vehicles)))
     vehicle = Vehicle("none", ()) if empty else cast.vehicles[name]()
+    things = surround(rng)
     renderer = MitsubaRenderer(
         vehicle,
         ground_albedo=(rng.uniform(0.04, 0.4) * rng.uniform(0.85, 1.15, 3)).tolist(),
         texture_size=cast.paint.base.shape[-1],
         samples=SAMPLES,
-        props=surround(rng),
+        props=things,
     )
     weathers = [
         draw_weather(rng, lowest_sun=8, least_sight=40, fog_share=FOG_SHARE)
@@ -132,7 +134,8 @@ def _render_scene(rng: np.random.Generator, scene: int, size: int, cast: Cast) -
         seed = int(rng.integers(2**31))
         with torch.no_grad():
             image = renderer.render(albedo, [view], weathers[k % len(weathers)], seed=seed)
-        boxes = [] if empty else [[*renderer.vehicle_boxes([view])[0].tolist(), 0]]
+        boxes = [] if empty else [[*renderer.vehicle_boxes([view])[0].tolist(), CAR]]
+        boxes += obstacle_boxes(things, view, hidden_by=boxes)
         pixels = (linear_to_srgb(image)[0].permute(1, 2, 0) * 255).round().byte().numpy()
         pictures.append(Picture(pixels, boxes, "empty" if empty else group))
     return pictures

@@ -21,6 +21,7 @@ from cnca.effects.plan import Demand
 from cnca.mi_bridge.renderer import MitsubaRenderer
 from cnca.scene.cameras import View, orbit_view
 from cnca.scene.layers import Sighting
+from cnca.train.detector.obstacles import CAR, obstacle_boxes
 from cnca.train.detector.parts import Picture, join, save_part
 from cnca.train.detector.renders import (
     BUILTIN_CAST,
@@ -43,7 +44,6 @@ EMPTY_SHARE, FOG_SHARE = 0.25, 0.25
 """Shares of the scenes with loud things in place of the vehicle, and of the weathers with fog."""
 LEAST_WIDTH, LEAST_SEEN = 9, 0.3
 """Pixels across and visible share from which on a vehicle is a target."""
-CAR = 0
 VEHICLES = ("car", "truck", "bus")
 """Traffic that counts as class ``car``."""
 
@@ -68,9 +68,9 @@ def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
     world = build(kind, int(rng.integers(2**31)))
     world = world.around(world.places[rng.integers(len(world.places))])
     empty = rng.random() < EMPTY_SHARE
-    name = str(rng.choice(list(BUILTIN_CAST.vehicles)))
+    name, things = str(rng.choice(list(BUILTIN_CAST.vehicles))), surround(rng) if empty else ()
     renderer = MitsubaRenderer(
-        Vehicle("things", surround(rng)) if empty else BUILTIN_CAST.vehicles[name](),
+        Vehicle("things", things) if empty else BUILTIN_CAST.vehicles[name](),
         texture_size=TEXTURE_SIZE,
         samples=SAMPLES,
         exposure=float(np.exp(rng.uniform(np.log(0.45), np.log(1.1)))),
@@ -78,7 +78,9 @@ def _scene(rng: np.random.Generator, index: int) -> Iterator[Picture]:
         worlds=lambda _: world,
     )
     views = [_orbit(rng) if k % 4 else driver(rng) for k in range(VIEWS)]
-    boxes = [_boxes(renderer, view, ours=not empty) for view in views]
+    boxes = [
+        _boxes(renderer, view, ours=not empty) + obstacle_boxes(things, view) for view in views
+    ]
     for _ in range(WEATHERS):
         weather = draw_weather(rng, lowest_sun=6, least_sight=50, fog_share=FOG_SHARE)
         for view, vehicles in zip(views, boxes, strict=True):

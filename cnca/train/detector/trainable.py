@@ -22,6 +22,8 @@ class TrainableDetector(ABC):
     """Height and width of the network's input in pixels."""
     learning_rate: float
     """The optimizer's largest step size."""
+    classes: int
+    """How many it tells apart: the first ones of the data."""
 
     @classmethod
     @abstractmethod

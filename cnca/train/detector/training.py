@@ -72,7 +72,11 @@ class DetectorTask(Task[tuple[Tensor, Targets]]):
         self.detector, self.network = detector, detector.network
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._pictures = TrainingPictures(
-            data, detector.size, settings.seed, loud_patches=settings.loud_patches
+            data,
+            detector.size,
+            settings.seed,
+            classes=detector.classes,
+            loud_patches=settings.loud_patches,
         )
         if len(self._pictures) < settings.batch:
             raise DetectorError(

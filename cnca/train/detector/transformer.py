@@ -35,12 +35,15 @@ class TrainableTransformer(TrainableDetector):
 
     learning_rate = 1e-3
 
-    def __init__(self, template: Path, out: Path, class_names: list[str], seed: int) -> None:
-        """Draw weights; the classes of ``template`` give way to ``class_names``."""
+    def __init__(
+        self, template: Path, out: Path, seed: int, class_names: list[str] | None = None
+    ) -> None:
+        """Draw weights; the classes of ``template`` give way to ``class_names``, if there are."""
         from transformers import AutoConfig, AutoModelForObjectDetection
 
-        names = {"id2label": dict(enumerate(class_names))}
+        names = {"id2label": dict(enumerate(class_names))} if class_names else {}
         config = AutoConfig.from_pretrained(template, local_files_only=True, **names)
+        self.classes = config.num_labels
         with torch.random.fork_rng(devices=[]):  # the library draws from the global generator
             torch.manual_seed(seed)
             self.network = AutoModelForObjectDetection.from_config(config)
@@ -55,14 +58,18 @@ class TrainableTransformer(TrainableDetector):
         cls, data: LabelledPictures, template: Path, out: Path, seed: int
     ) -> TrainableTransformer:
         """A new network of ``template`` for the classes of ``data``."""
-        return cls(template, out, data.class_names, seed)
+        return cls(template, out, seed, data.class_names)
 
     @classmethod
     def fine_tune(
-        cls, data: LabelledPictures, template: Path, out: Path, seed: int
+        cls,
+        data: LabelledPictures,  # noqa: ARG003  (the protocol has it)
+        template: Path,
+        out: Path,
+        seed: int,
     ) -> TrainableTransformer:
         """The network of ``template`` with its weights."""
-        detector = cls.begin(data, template, out, seed)
+        detector = cls(template, out, seed)
         detector.network.load_state_dict(load_model(template).state_dict())
         return detector
 

@@ -249,14 +249,14 @@ class TestAugmentation:
         for seed in range(30):
             picture = np.full((80, 100, 3), 40, np.uint8)
             picture[20:50, 30:80] = 255
-            boxes = np.array([[30.0, 20.0, 80.0, 50.0]])
+            labels = np.array([[30.0, 20.0, 80.0, 50.0, 1.0]])
             random = np.random.default_rng(seed)
-            changed, moved, kept = augment(picture, boxes, (64, 64), random)
+            changed, moved = augment(picture, labels, (64, 64), random)
             assert changed.shape == (64, 64, 3)
             if not len(moved):
-                assert not kept.any()
                 continue
-            left, top, right, bottom = moved[0].round().astype(int)
+            left, top, right, bottom, label = moved[0].round().astype(int)
+            assert label == 1
             grey = changed.astype(float).mean(axis=2)
             inside = grey[top + 2 : bottom - 2, left + 2 : right - 2]
             assert inside.min() > grey[0, 0] + 20 or inside.size == 0
@@ -264,7 +264,7 @@ class TestAugmentation:
     def test_same_seed_same_picture(self):
         picture = np.random.default_rng(0).integers(0, 256, (80, 100, 3), np.uint8)
         results = [
-            augment(picture, np.zeros((0, 4)), (64, 64), np.random.default_rng(seed))[0]
+            augment(picture, np.zeros((0, 5)), (64, 64), np.random.default_rng(seed))[0]
             for seed in (5, 5, 6)
         ]
         assert np.array_equal(results[0], results[1])
