@@ -17,7 +17,7 @@ from cnca.jobs.attack.request import Request
 from cnca.jobs.transfer_request import Judging
 from cnca.jobs.view.turntable_request import TurntableRequest
 
-DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "zebra strips"
+DEMO_SCENE, DEMO_PROMPT = Path("builtin:street_day"), "colorful camouflage"
 
 Tau = Annotated[
     str | None,

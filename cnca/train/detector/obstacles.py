@@ -1,8 +1,8 @@
 """Things that are no vehicles, as a class of their own for detectors to learn.
 
-A detector of vehicles alone knows but one name for what stands on a road.  COCO's have 79 others
-to give (a painted car is taken for a zebra or an umbrella), so what is loud is quietly something
-else to them; with this class it is to ours.
+A detector of vehicles alone knows but one name for what stands on a road, and reports loud boxes
+and barrels as cars.  Detectors trained on COCO have 79 other names to give; with this class ours
+have one, too.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def obstacle_boxes(
     ``hidden_by`` are boxes of what stands before all of them, such as the vehicle's; a thing may
     also be hidden by a nearer one.
     """
-    nearer, found = [np.array(box[:4]) for box in hidden_by], []
+    nearer, found = [np.array(box[:4], float) for box in hidden_by], []
     for box in _by_distance(things, view):
         inside = box.clip(0, [view.width, view.height] * 2)
         free = _area(inside) - max((_area(_common(inside, other)) for other in nearer), default=0.0)
