@@ -84,7 +84,12 @@ class Effect:
         return f"{self.name}={model}"
 
     def error(self, model: Model, subject: Subject, prices: Prices) -> float:
-        """Predicted error of the model beside that of the best, without noise."""
+        """Predicted error of the model beside the best that the scene has a use for, without noise.
+
+        So ``off`` costs nothing where there is nothing to turn off.
+        """
+        if model == self.present(subject)[-1]:
+            return 0.0
         share, fit = self.share(model, subject), prices.errors.get(self.key(model))
         return 0.0 if fit is None or share == 0 else share * fit.error(subject.features())
 

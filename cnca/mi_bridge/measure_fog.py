@@ -20,7 +20,6 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.ndimage import gaussian_filter
 
 from cnca.mi_bridge.fog import FogField, FogPlaces, henyey_greenstein, level_heights
 from cnca.mi_bridge.fog_layer import FogLayer
@@ -160,6 +159,8 @@ def _fit_places(
         sums: of ∫ J_x b dω over the walks from each node.
         walks: their number; those of a node's neighbours count, too.
     """
+    from scipy.ndimage import gaussian_filter  # slow to import, and needed in foggy worlds alone
+
     directions = sky_directions(ROWS, COLUMNS).reshape(-1, 3)
     angles = np.broadcast_to(sky_solid_angles(ROWS, COLUMNS), (ROWS, COLUMNS)).reshape(-1, 1)
     b = np.concatenate([np.ones((len(directions), 1)), directions], axis=1)

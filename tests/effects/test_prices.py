@@ -45,6 +45,14 @@ def test_fog_takes_nothing_in_its_limits_and_all_when_thick():
     assert shares == sorted(shares, reverse=True)
 
 
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_best_that_a_scene_has_a_use_for_has_no_error(name):
+    """Such as no lamps where there are none: measured, that model stands for lamps left out."""
+    for subject in (SUBJECT, with_weather(fog=Fog(100)), with_weather(sun_altitude=-10)):
+        effect = EFFECTS[name]
+        assert not effect.has_bias or error(name, effect.present(subject)[-1], subject) == 0
+
+
 def test_share_of_the_sun():
     assert with_weather(sun_altitude=-1).sun_share == 0
     assert with_weather(sun_scale=0).sun_share == 0

@@ -104,13 +104,13 @@ def test_labels_that_are_none(tmp_path, label):
 
 
 def test_an_attack_takes_the_scenes_class(tmp_path):
-    """The built-in detector, its only class renamed."""
+    """The built-in detector, its vehicles renamed."""
     for file in detector_files(str(BUILTIN_CONFIG)):
         shutil.copy(file, tmp_path / f"own{file.suffix}")
-    (tmp_path / "own.names").write_text("Bus\n")
+    (tmp_path / "own.names").write_text("Bus\nobstacle\n")
     spec = str(tmp_path / "own.cfg")
     (target,) = build.build_targets([spec], "bus")
-    assert (target.label, target.detector.class_names) == (0, ("Bus",))
+    assert (target.label, target.detector.class_names) == (0, ("Bus", "obstacle"))
     with pytest.raises(DetectorError, match=r"own\.cfg knows no class 'car': it has Bus"):
         build.build_targets([spec])
     scene_file = tmp_path / "scene.yaml"
