@@ -40,6 +40,7 @@ from cnca.attack.variables import Variables
 from cnca.core import parallel
 from cnca.core.color import linear_to_srgb
 from cnca.core.errors import RunError
+from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.gen.feature import UPDATES
 from cnca.gen.latents import Latents
 from cnca.scene.cameras import View
@@ -51,12 +52,15 @@ from cnca.world.draw import draw_blocks
 
 @dataclass
 class Progress:
-    """All that changes from step to step: enough to go on after an interruption."""
+    """All that changes from step to step: enough to go on after an interruption, and to look at."""
 
     step: int
     variables: Variables
     optimizer: torch.optim.Optimizer
     best: Best = field(default_factory=Best)
+    seen: tuple[SrgbTexture, SrgbImages] | None = None
+    """The last step's texture and what the detectors saw of it, once around the vehicle; of several
+    processes, the own part of that."""
 
     @property
     def result(self) -> Latents:
@@ -120,6 +124,7 @@ def optimize(
         moved.project()
 
         progress.step += 1
+        progress.seen = SrgbTexture(texture.detach()), SrgbImages(pictures.detach())
         record, checked = readings(attack.targets, seen), None
         if settings.checks(progress.step):
             with clock("check"):

@@ -1,7 +1,8 @@
 """One ``cnca optimize`` from start to report: its folder, its checkpoints, its verdict.
 
-A run folder holds ``manifest.json``, ``log.jsonl``, ``checkpoint.pt``, and at the end
-``texture.png``, ``F_adv.safetensors``, ``summary.json``, ``before_after.png`` and ``report.html``.
+A run folder holds ``manifest.json``, ``log.jsonl``, ``checkpoint.pt``, until the end also
+``texture_now.png`` and ``views_now.png`` of a late step, and at the end ``texture.png``,
+``F_adv.safetensors``, ``summary.json``, ``before_after.png`` and ``report.html``.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from cnca.core.run_folder import RunFolder
 from cnca.gen.scorer import load_scorer
 from cnca.jobs.attack import tensorboard
 from cnca.jobs.attack.budget import decided
+from cnca.jobs.attack.now import Display
 from cnca.jobs.attack.pattern import at_size
 from cnca.jobs.attack.request import JOB, Request
 from cnca.jobs.attack.verdict import judge
@@ -57,7 +59,13 @@ def run(request: Request, console: Console) -> Summary:
     if (request.out / CHECKPOINT).exists():
         checkpoint.restore(progress, request.out / CHECKPOINT)
     _attack(request, attack, progress, console)
-    return parallel.by_first(lambda: judge(request, attack, progress, console))
+    return parallel.by_first(lambda: _finish(request, attack, progress, console))
+
+
+def _finish(request: Request, attack: Attack, progress: Progress, console: Console) -> Summary:
+    summary = judge(request, attack, progress, console)
+    Display(request.out).remove()
+    return summary
 
 
 def assemble(request: Request, scene: Scene) -> Attack:
@@ -122,7 +130,7 @@ def _claim(request: Request, scene: Scene, console: Console) -> None:
 
 
 def _attack(request: Request, attack: Attack, progress: Progress, console: Console) -> None:
-    log = request.out / "log.jsonl"
+    log, display = request.out / "log.jsonl", Display(request.out)
     if parallel.rank() == 0:
         _keep_lines(log, progress.step)
     with bar(console) as shown, _board(request, progress) as board:
@@ -132,6 +140,8 @@ def _attack(request: Request, attack: Attack, progress: Progress, console: Conso
             if parallel.rank() == 0:
                 append_text(log, json.dumps(as_json(record)) + "\n")
                 board(record)
+                if progress.seen is not None:
+                    display.show(*progress.seen)
                 checkpoint.save(progress, request.out / CHECKPOINT)
             label = f"attack: L_adv {record.loss_adv:.3f}, D_s {record.D_s:.3f}"
             shown.update(task, completed=progress.step, description=label)

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from cnca.attack.records import StepRecord
 from cnca.core.errors import RunError
 from cnca.core.manifest import Manifest
 from cnca.core.records import as_json, from_json, read_record
+from cnca.jobs.attack.now import TEXTURE_NOW, VIEWS_NOW
 from cnca.jobs.view.serve import FOLLOW
 from cnca.judge.summary import Summary
 from cnca.report import MEANING
@@ -26,7 +28,7 @@ POINTS = 400
 """Of a curve, at most."""
 EVERY = 0.5
 """Seconds between two looks into the folders."""
-WIDEST = {"before_after.png": 960, "texture.png": 256}
+WIDEST = {"before_after.png": 960, "texture.png": 256, VIEWS_NOW: 960, TEXTURE_NOW: 256}
 """Picture of a run → pixels per row at which it is shown."""
 
 
@@ -76,7 +78,7 @@ class WatchPage:
         for folder in self.folders:
             if not (folder / "manifest.json").is_file():
                 raise RunError(f"{folder}: holds no run; give the --out of a cnca optimize")
-        self._pictures: dict[tuple[Path, int], str] = {}
+        self._pictures: dict[Path, tuple[int, str]] = {}
 
     @cached_property
     def html(self) -> str:
@@ -118,23 +120,31 @@ class WatchPage:
             curves=curves_of(records),
             rows=rows,
             pictures={
-                name: self._picture(folder / name, width)
+                name: picture
                 for name, width in WIDEST.items()
-                if (folder / name).is_file()
+                if (picture := self._picture(folder / name, width))
             },
         )
 
     def _picture(self, path: Path, width: int) -> str:
-        """The address of a picture, made again when its file has changed."""
-        key = (path, path.stat().st_mtime_ns)
-        if key not in self._pictures:
-            picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-            if picture is None:
-                raise RunError(f"{path}: cannot be read as a picture; run its command again")
-            shrink = min(width / picture.shape[1], 1.0)
-            picture = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-            self._pictures[key] = jpeg_uri(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
-        return self._pictures[key]
+        """The address of a picture, made again when its file has changed; empty without one."""
+        try:
+            written = path.stat().st_mtime_ns
+            if self._pictures.get(path, (0, ""))[0] != written:
+                self._pictures[path] = written, _shrunk(path, width)
+        except FileNotFoundError:  # a run that ends removes what it showed on its way
+            return ""
+        return self._pictures[path][1]
+
+
+def _shrunk(path: Path, width: int) -> str:
+    content = np.frombuffer(path.read_bytes(), np.uint8)
+    picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+    if picture is None:
+        raise RunError(f"{path}: cannot be read as a picture; run its command again")
+    shrink = min(width / picture.shape[1], 1.0)
+    picture = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    return jpeg_uri(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
 
 
 def read_log(path: Path) -> list[StepRecord]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 import torch
 from rich.console import Console
@@ -24,6 +25,7 @@ from cnca.detect import BUILTIN_CONFIG, detector_files
 from cnca.detect.white_box import DarknetDetector
 from cnca.gen.feature import StoredFeature
 from cnca.jobs.attack import run
+from cnca.jobs.attack.now import TEXTURE_NOW, VIEWS_NOW
 from cnca.scene.load_scene import load_scene
 from tests.fakes import BrightnessDetector
 from tests.gen.tiny import save_pipeline, tiny_pipeline
@@ -97,6 +99,8 @@ def test_a_run_leaves_everything_and_resumes_bit_for_bit(request_for, monkeypatc
         with pytest.raises(KeyboardInterrupt):
             run.run(request_for("parts"), quiet())
     parts = request_for("parts", resume=True)
+    assert cv2.imread(str(parts.out / VIEWS_NOW)).shape == (64, 64, 3)
+    assert len(np.unique(cv2.imread(str(parts.out / TEXTURE_NOW)))) > 2
     assert not (parts.out / "summary.json").exists()
     again = run.run(parts, quiet())
 
@@ -109,6 +113,7 @@ def test_a_run_leaves_everything_and_resumes_bit_for_bit(request_for, monkeypatc
     assert {"loss_adv", "D_s", "seconds_render", "seconds_backward"} <= set(records[0])
     check_summary(summary)
     check_folder(whole.out)
+    assert not [*whole.out.glob("*_now.png")]
 
     with pytest.raises(RunError, match="already holds a run"):
         run.run(request_for("whole"), quiet())

@@ -5,8 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from cnca.core.errors import RunError
+from cnca.jobs.attack.now import TEXTURE_NOW, VIEWS_NOW, Display
 from cnca.jobs.view.serve import serving
 from cnca.jobs.view.watch import POINTS, WatchPage, curves_of, read_log
 from tests.accessibility import complaints
@@ -43,6 +45,28 @@ def test_a_run_that_goes_on(run):
     cv2.imwrite(str(run / "texture.png"), np.zeros((512, 512, 3), np.uint8))
     later = page.newer(first["number"], timeout=0)
     assert later["runs"][0]["pictures"]["texture.png"].startswith("data:image/jpeg")
+
+
+def test_the_current_paint_until_it_is_removed(run):
+    display, page = Display(run), WatchPage([run])
+    texture, views = torch.rand(3, 16, 16), torch.rand(8, 3, 12, 20)
+    display.show(texture, views)
+    assert cv2.imread(str(run / VIEWS_NOW)).shape == (24, 80, 3)
+    written = cv2.imread(str(run / TEXTURE_NOW))[..., ::-1] / 255
+    assert np.abs(written - texture.permute(1, 2, 0).numpy()).max() <= 0.5 / 255 + 1e-6
+    assert page.read(run).pictures.keys() == {TEXTURE_NOW, VIEWS_NOW}
+    display.remove()
+    assert page.read(run).pictures == {}
+
+
+def test_the_current_paint_takes_a_hundredth_of_the_time(run, monkeypatch):
+    clock = iter([100.0, 100.5, 149.9, 150.1, 150.2])
+    monkeypatch.setattr("cnca.jobs.attack.now.time.monotonic", lambda: next(clock))
+    display, shown = Display(run), []
+    for level in (0.0, 0.5, 1.0):
+        display.show(torch.full((3, 4, 4), level), torch.zeros(1, 3, 4, 4))
+        shown.append(cv2.imread(str(run / TEXTURE_NOW)).max())
+    assert shown == [0, 0, 255]
 
 
 def test_long_curves_are_thinned_and_keep_their_end(run):

@@ -2,7 +2,12 @@
 
 const find = (id) => document.getElementById(id);
 const WIDTH = 400, HEIGHT = 100;
-const PICTURES = { "before_after.png": "before and after, with the detector's boxes", "texture.png": "texture" };
+const PICTURES = {
+  "before_after.png": "before and after, with the detector's boxes",
+  "texture.png": "texture",
+  "views_now.png": "the vehicle in its current paint, as the detector saw it",
+  "texture_now.png": "the current texture",
+};
 
 function make(name, text = "", content = []) {
   const element = document.createElement(name);
@@ -75,7 +80,7 @@ function article(run) {
     const image = make("img");
     image.src = run.pictures[name];
     image.alt = `${run.name}: ${meaning}`;
-    parts.push(image);
+    parts.push(make("figure", "", [image, make("figcaption", meaning)]));
   }
   return make("article", "", parts);
 }
