@@ -161,6 +161,17 @@ def gallery(
     out: Annotated[
         Path | None, typer.Option(help="Sheet to render, .png.", rich_help_panel=OUTPUT)
     ] = None,
+    width: Annotated[
+        int, typer.Option(help="Pixels per row of the sheet.", rich_help_panel=OUTPUT)
+    ] = 960,
+    no_captions: Annotated[
+        bool,
+        typer.Option(
+            "--no-captions",
+            help="Write no names into it; the list has its order.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
 ) -> None:
     """List the shipped scenes, or a folder's, and render them into one sheet."""
     from cnca.cli import show
@@ -178,7 +189,7 @@ def gallery(
         rows.append([entry.name, *(cells or (entry.problem, "", ""))])
     show.table(["scene", "vehicle", "weather", "cameras"], rows)
     if out is not None:
-        problems = write_sheet(listed, out, show.messages())
+        problems = write_sheet(listed, out, show.messages(), width=width, captions=not no_captions)
         for name, problem in problems.items():
             show.line(f"{name}: not rendered: {problem}")
         show.ending({"picture": out})

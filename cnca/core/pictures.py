@@ -61,21 +61,28 @@ def draw_boxes(
 
 
 def side_by_side(
-    pictures: Sequence[SrgbPicture], captions: Sequence[str] = (), *, columns: int | None = None
+    pictures: Sequence[SrgbPicture],
+    captions: Sequence[str] = (),
+    *,
+    columns: int | None = None,
+    width: int | None = None,
 ) -> SrgbPicture:
     """A contact sheet: the pictures row by row, each under its caption, gaps in black.
 
-    ``columns`` is by default the number of pictures, which makes one row.
+    ``columns`` is by default the number of pictures, which makes one row.  A sheet of ``width``
+    pixels per row shares them among its columns, and what is left over is a gap on the right.
     """
+    columns = min(columns or len(pictures), len(pictures))
+    if width is not None:
+        pictures = [_scaled(picture, width // columns) for picture in pictures]
     texts = [*captions, *[""] * (len(pictures) - len(captions))]
     tiles = [_captioned(picture, text) for picture, text in zip(pictures, texts, strict=True)]
-    columns = min(columns or len(tiles), len(tiles))
     height = max(tile.shape[0] for tile in tiles)
-    width = max(tile.shape[1] for tile in tiles)
+    wide = max(tile.shape[1] for tile in tiles)
     rows = -(-len(tiles) // columns)
-    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
+    sheet = np.zeros((rows * height, width or columns * wide, 3), np.uint8)
     for index, tile in enumerate(tiles):
-        top, left = index // columns * height, index % columns * width
+        top, left = index // columns * height, index % columns * wide
         sheet[top : top + tile.shape[0], left : left + tile.shape[1]] = tile
     return sheet
 
@@ -91,6 +98,14 @@ def write_png(path: Path, picture: SrgbPicture) -> None:
         raise RunError(f"{path}: OpenCV cannot encode a picture of shape {picture.shape}")
     with replacing(path) as temporary:
         temporary.write_bytes(encoded.tobytes())
+
+
+def _scaled(picture: SrgbPicture, width: int) -> SrgbPicture:
+    height = max(round(picture.shape[0] * width / picture.shape[1]), 1)
+    if width == picture.shape[1]:
+        return picture
+    how = cv2.INTER_AREA if width < picture.shape[1] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(picture, (width, height), interpolation=how))
 
 
 def _captioned(picture: SrgbPicture, text: str) -> SrgbPicture:

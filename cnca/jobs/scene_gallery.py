@@ -19,8 +19,10 @@ from cnca.scene.load_scene import load_scene
 from cnca.scene.schema import Scene
 from cnca.scene.views import build_views
 
-SHOWN, COLUMNS, SAMPLES = 320, 3, 64
-"""Pixels of a picture's longer side, pictures per row, rays per pixel."""
+COLUMNS, SAMPLES = 3, 64
+"""Pictures per row, rays per pixel."""
+LEAST, MOST = 96, 8192
+"""Pixels per row that a sheet may have."""
 
 
 @dataclass(frozen=True)
@@ -59,33 +61,40 @@ def entries(folder: Path | None) -> list[Entry]:
     return listed
 
 
-def write_sheet(listed: list[Entry], out: Path, console: Console) -> dict[str, str]:
-    """Render each scene's first camera into one PNG.
+def write_sheet(
+    listed: list[Entry], out: Path, console: Console, *, width: int, captions: bool = True
+) -> dict[str, str]:
+    """Render each scene's first camera into one PNG of ``width`` pixels per row.
 
+    Without ``captions`` no names are written into it; the places are in the order of ``listed``.
     Returns name → problem of scenes that could not be rendered, such as one whose mesh is missing;
     their places stay dark.
     """
     if out.suffix.lower() != ".png":
         raise RunError(f"{out}: the sheet is written as PNG; end the name with .png")
+    if not LEAST <= width <= MOST:
+        raise RunError(f"--width {width}: give {LEAST} to {MOST} pixels")
+    side = width // min(COLUMNS, len(listed))
     pictures, problems = [], {}
     with bar(console) as shown:
         for entry in shown.track(listed, description="scenes"):
             try:
-                pictures.append(_picture(entry))
+                pictures.append(_picture(entry, side))
             except CncaError as error:
                 problems[entry.name] = str(error)
-                pictures.append(np.full((SHOWN, SHOWN, 3), 40, np.uint8))
-    captions = [entry.name for entry in listed]
-    write_png(out, side_by_side(pictures, captions, columns=COLUMNS))
+                pictures.append(np.full((side, side, 3), 40, np.uint8))
+    names = [entry.name for entry in listed] if captions else []
+    write_png(out, side_by_side(pictures, names, columns=COLUMNS, width=width))
     return problems
 
 
 @torch.no_grad()
-def _picture(entry: Entry) -> SrgbPicture:
+def _picture(entry: Entry, side: int) -> SrgbPicture:
+    """A square of ``side`` pixels."""
     if entry.scene is None:
         raise RunError(entry.problem)
     image = entry.scene.image
-    shrink = SHOWN / max(image.width, image.height)
+    shrink = side / max(image.width, image.height)
     size = {
         "width": max(1, round(image.width * shrink)),
         "height": max(1, round(image.height * shrink)),
@@ -97,7 +106,7 @@ def _picture(entry: Entry) -> SrgbPicture:
     view = build_views(scene)[0]
     images = renderer.render(albedo, [view], scene.weather(), seed=0)
     picture = as_pictures(linear_to_srgb(images))[0]
-    canvas = np.zeros((SHOWN, SHOWN, 3), np.uint8)
-    top, left = ((SHOWN - extent) // 2 for extent in picture.shape[:2])
+    canvas = np.zeros((side, side, 3), np.uint8)
+    top, left = ((side - extent) // 2 for extent in picture.shape[:2])
     canvas[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
     return canvas

@@ -48,6 +48,16 @@ def test_side_by_side_places_tiles():
     assert side_by_side(tiles, ["a", "b", "c"]).shape[0] > 4
 
 
+@pytest.mark.parametrize(("width", "height"), [(7, 4), (12, 8), (25, 16)])
+def test_a_sheet_has_the_stated_width(width, height):
+    tiles = [np.full((4, 6, 3), value, np.uint8) for value in (10, 20, 30)]
+    sheet = side_by_side(tiles, columns=2, width=width)
+    assert sheet.shape == (height, width, 3)
+    half = width // 2
+    assert [sheet[0, 0, 0], sheet[0, half, 0], sheet[-1, half - 1, 0]] == [10, 20, 30]
+    assert not sheet[:, 2 * half :].any()
+
+
 def test_png_round_trip_keeps_channel_order(tmp_path):
     picture = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
     write_png(tmp_path / "new" / "a.png", picture)
