@@ -15,10 +15,10 @@ towards a point (BSDF times cosine, in 1/sr); white matt card reflects 1/π."""
 class CausticsEffect(Effect):
     """Sunlight that reaches a matt surface by way of a glossy one.
 
-    Paths start at the camera, so they find the sun's image in a lacquer by chance: rarely, and very
-    bright then.  These are the specks of sunny pictures.  Bounding what such a path may find (the
+    Paths start at the camera, so they find the sun's image in a lacquer by chance: rarely, and then
+    very bright.  These are the specks of sunny pictures.  Bounding what such a path may find (the
     idea of path-space regularization: Kaplanyan & Dachsbacher 2013, with a bound in place of a
-    wider lobe) takes them away, with the part of the caustic that is brighter than the bound.
+    wider lobe) takes them away, and the part of the caustic that is brighter than the bound.
     """
 
     name = "caustics"
@@ -35,11 +35,11 @@ class CausticsEffect(Effect):
         return {}
 
     def grain(self, model: Model) -> float:
-        """Specks, which few rays do not foretell."""
+        """Specks, which few rays do not predict."""
         return 1.5 if model == "kept" else 1.0
 
     def why(self, model: Model, subject: Subject, error: float) -> str:
-        """How much of them is there."""
+        """How much of them is kept."""
         if not (subject.has_sun or _lamps(subject)):
             return "no sun that could be focused"
         if model == "kept":

@@ -12,14 +12,14 @@ from cnca.scene.environment import read_environment
 from cnca.scene.weather import Weather
 
 MOST_CONTRAST = 0.4
-"""Up to which rays find a sky by themselves, and to look for its lights would not pay the time.
+"""Contrast up to which rays find a sky by themselves: looking for its lights would not pay off.
 
 Overcast skies have 0.6, those beside a high sun 0.2, lamps at night 40 (``benchmarks/skies.py``).
 """
 
 
 def contrast(weather: Weather) -> float:
-    """Of a measured sky (:class:`cnca.scene.environment.Environment`); the model's is low."""
+    """That of a measured sky (:class:`cnca.scene.environment.Environment`); the model's is low."""
     return 0.0 if weather.sky_map is None else read_environment(weather.sky_map).contrast
 
 

@@ -24,9 +24,9 @@ class Effect:
     models: tuple[Model, ...]
     """The ladder; the last one is the best."""
     usual: Model | None = None
-    """Without a target error; None is the best that the scene has a use for."""
+    """The model without a target error; None is the best that the scene has a use for."""
     priced: tuple[Model, ...] = ()
-    """Those whose error ``cnca calibrate`` measures beside the best."""
+    """Models whose error ``cnca calibrate`` measures beside the best."""
     unbiased: tuple[Model, ...] = ()
     """Models that have the same mean as the best, and differ from it in noise and time alone."""
     has_bias: bool = True
@@ -49,7 +49,7 @@ class Effect:
         return weather
 
     def unforeseen(self, models: Mapping[str, Model]) -> bool:
-        """Whether its model errs, beside the other effects' models, in ways no mean foretells."""
+        """Whether its model, beside those of other effects, errs in ways that no mean predicts."""
         return False
 
     def grain(self, model: Model) -> float:
@@ -126,7 +126,7 @@ class Numbered(Effect):
         return True
 
     def parse(self, text: str) -> Model:
-        """The number; raises CncaError for what is none from 1 to :attr:`most`."""
+        """The number; raises CncaError for anything but one from 1 to :attr:`most`."""
         if not text.isdecimal() or not 1 <= int(text) <= self.most:
             wanted = f"takes a whole number from 1 to {self.most}"
             raise CncaError(f"effect {self.name}={text}: {wanted}")

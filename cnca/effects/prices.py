@@ -65,7 +65,7 @@ class Prices:
     """``"effect=model"`` → seconds per million rays; ``"rays"`` is what every ray costs."""
 
     def noise_of(self, samples: int, subject: Subject) -> float:
-        """Predicted noise of so many rays per pixel."""
+        """Predicted noise of that many rays per pixel."""
         return self.noise.error(subject.noise_features(samples))
 
     def samples_for(self, noise: float, subject: Subject, most: int) -> int:

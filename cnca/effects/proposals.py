@@ -1,4 +1,4 @@
-"""Which models to try in a scene of which something was measured.
+"""Which models to try in a scene in which something was measured.
 
 The price list proposes (:mod:`cnca.effects.prices`), and what was measured in the scene corrects
 it: what was tried is not proposed again, and the list's errors are scaled to those found here.
@@ -21,7 +21,7 @@ Models = Mapping[str, Model]
 
 
 def best_models(subject: Subject, forced: Models) -> dict[str, Model]:
-    """The best that the scene has a use for, but for what is asked for by name."""
+    """The best that the scene has a use for, except for what is asked for by name."""
     best = {name: e.present(subject)[-1] for name, e in EFFECTS.items() if e.has_bias}
     return best | {name: model for name, model in forced.items() if name in best}
 
@@ -32,7 +32,7 @@ def relative_cost(
     """Time of a picture under the target, up to a factor; infinite where the bias is too large.
 
     Args:
-        noise: of so many rays, the same for all that are compared.
+        noise: of that many rays, the same for all that are compared.
         bias, target: errors, as prices have them.
     """
     room = target**2 - bias**2

@@ -1,4 +1,4 @@
-"""The renderer that judges: it says which effects it simulates how, and shows what it sees."""
+"""The renderer that judges: it says which effects it simulates and how, and shows what it sees."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PlanningRenderer(Renderer, Protocol):
 
         Args:
             albedo: linear, (3, size, size), in [0, 1].
-            demand: which effects to render how; None is what the renderer was made with.
+            demand: which effects to render and how; None is what the renderer was made with.
         """
 
     def render_pixels(

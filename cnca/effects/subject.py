@@ -42,7 +42,7 @@ class Subject:
     fog_path: float
     """Metres inside the fog layer between the camera and the vehicle."""
     pixels_per_metre: float
-    """At the vehicle: the share of pixels that edges cross, and so are noisy, falls with it."""
+    """At the vehicle: the share of pixels that edges cross and make noisy falls with it."""
     amounts: Mapping[str, float] = field(default_factory=dict)
     """Effect → how much of it the scene holds (:meth:`cnca.effects.effect.Effect.amount`)."""
 
@@ -110,7 +110,7 @@ class Subject:
 
 
 def mean_over_area(vehicle: Vehicle, value: Callable[[Material], float]) -> float:
-    """A property of the materials, such as their clear coat, averaged over all parts' area."""
+    """A property of the materials, such as their clear coat, averaged by area over all parts."""
     areas, values = [], []
     for part in vehicle.parts:
         a, b, c = np.moveaxis(part.vertices[part.faces], 1, 0)

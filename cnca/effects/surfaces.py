@@ -36,7 +36,7 @@ class MaterialsEffect(Effect):
         return mean_over_area(contents.vehicle, lambda material: material.clearcoat)
 
     def present(self, subject: Subject) -> tuple[Model, ...]:
-        """No coat where none is."""
+        """No coat where there is none."""
         return self.models if subject.amounts[self.name] > 0 else self.models[:2]
 
     def share(self, model: Model, subject: Subject) -> float:

@@ -20,7 +20,7 @@ from cnca.mi_bridge.variant import mi
 from cnca.scene.weather import Weather
 
 DARKEST = 1e-9
-"""White in fog as a share of white above it, starlight to daylight: darker, pictures stay black."""
+"""White in fog over white above it, as starlight to daylight: pictures of darker fog stay black."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Atmosphere:
     sun: Float[np.ndarray, "3"]
     """Irradiance of the direct sun at the vehicle."""
     unit: float
-    """Of these and all other light here, in W/m²/nm/sr: 1 is white card above the fog."""
+    """Unit of these and all other light here, in W/m²/nm/sr: 1 is white card above the fog."""
     altitude: float
     """Of the sun, degrees."""
     lamps: bool = False

@@ -25,5 +25,5 @@ def parse_backend(spec: str) -> tuple[str, int | None]:
 
 
 def is_own_backend(spec: str) -> bool:
-    """Whether a backend is ``module:attribute``, and none of ours with something behind it."""
+    """Whether a backend is the user's ``module:attribute``, not one of ours with an argument."""
     return is_plugin(spec) and spec.partition(":")[0] not in BACKENDS

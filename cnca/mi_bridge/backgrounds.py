@@ -83,7 +83,7 @@ class KeptBackgrounds:
         return torch.stack([self._boxes[view] for view in views])
 
     def sightings(self, views: Sequence[View]) -> list[list[Sighting]]:
-        """What else with a label each view shows; see :class:`MitsubaRenderer`."""
+        """Everything else with a label that each view shows; see :class:`MitsubaRenderer`."""
         return self.renderer.sightings(views)
 
     def visible_shares(self, views: Sequence[View]) -> list[float]:

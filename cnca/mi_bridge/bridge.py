@@ -24,7 +24,7 @@ BACKWARD_SEED = 0x9E3779B9
 """Added to the seed for the adjoint pass: independent noise keeps products of both unbiased."""
 
 PART_SEED = 0x85EBCA6B
-"""Added to the seed, so many times, for the part of a picture that begins with that sample."""
+"""Added to the seed as many times as samples come before those of a part of a picture."""
 
 
 class Shot:
@@ -47,8 +47,8 @@ class Shot:
         """
         Args:
             first: with which of a pixel's evenly spread samples this part of them begins.
-            vehicle_only: leaves all else dark that cameras see.
-            shares: factors on the light of each pixel, such as what of it nothing hides.
+            vehicle_only: leaves everything else that cameras see dark.
+            shares: factors on the light of each pixel, such as the share of it that nothing hides.
         """
         self.geometry = geometry
         self.surroundings = surroundings
@@ -70,7 +70,7 @@ class Shot:
         return sampler, *self.cameras.rays(self.samples, opaque_seed, self.first)
 
     def weights(self) -> mi.Float:
-        """Exposure of every lane, times what of its pixel is not hidden."""
+        """Exposure of every lane, times the share of its pixel that is not hidden."""
         if self._shares is None:
             return self.exposure
         lane = dr.arange(mi.UInt32, self.cameras.lanes(self.samples))
@@ -83,7 +83,7 @@ class Shot:
     def _walk(
         self, seed: int, *, differentiable: bool = False
     ) -> tuple[mi.Color3f, list[Reflection]]:
-        """Radiance of every lane and its reflections, as :func:`trace` has them."""
+        """Radiance of every lane and its reflections, as :func:`trace` returns them."""
         sampler, ray, first_reflection = self.start(seed)
         # The path's own first hit says whether to follow it, but holes take a ray of their own.
         by_ray = self.vehicle_only and self.geometry.has_holes
@@ -167,7 +167,7 @@ class _Render(dr.CustomOp):
 def render(albedo: Float[Tensor, "size size 3"], shots: Sequence[Shot]) -> Float[Tensor, "*film 3"]:
     """Exposed linear images of ``albedo`` (linear, [0, 1], row 0 at v = 1); differentiable.
 
-    ``shots`` are the parts of the same pictures that each takes some of the samples.
+    ``shots`` are the parts of the same pictures, each with some of the samples.
     """
 
     @dr.wrap(source="torch", target="drjit")

@@ -77,7 +77,7 @@ class DirectionTable:
         return d, dr.gather(mi.Float, self._density, index, active)
 
     def density(self, d: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Per steradian; 0 below the horizon."""
+        """Density per steradian; 0 below the horizon."""
         local = _turn(d, -self._rotation)
         phi = dr.atan2(local.y, local.x)
         phi = dr.select(phi < 0, phi + dr.two_pi, phi)
@@ -148,14 +148,14 @@ class PhotographedGround:
 
 
 def level_irradiance(environment: Environment) -> Float[np.ndarray, "3"]:
-    """Of the sky, without the sun, on level ground."""
+    """Irradiance of the sky, without the sun, on level ground."""
     weights = level_weights(*environment.radiance.shape[:2])[..., None]
     return (environment.radiance * weights).sum(axis=(0, 1), dtype=np.float64)
 
 
 def importance_table(sky: EnvironmentMap) -> DirectionTable:
     """Directions by how bright they are."""
-    # Interpolation spreads a bright texel over its neighbours.
+    # Interpolation spreads a bright texel over its neighbors.
     luminance = _reduced(sky.turned.environment.radiance @ LUMINANCE)
     from scipy.ndimage import uniform_filter  # slow to import, and needed for such maps alone
 

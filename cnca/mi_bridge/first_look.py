@@ -1,7 +1,7 @@
 """All that a loop keeps of a view in a world, from one trace of it.
 
 Each sample says what it sees, whether that is the vehicle, and whether the vehicle would be there
-if it stood alone.  Where the last two differ something hides it, and only there is looked closer.
+if it stood alone.  Where the last two differ something hides it, and only there do we look closer.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def first_look(
 
 
 def _look(shot: Shot, alone: Geometry) -> Float[np.ndarray, "8 pixels"]:
-    """Of each pixel: exposed radiance, that of all but the vehicle, shares seen and hidden of it.
+    """Of each pixel: exposed radiance, that of all but the vehicle, its shares seen and hidden.
 
     Args:
         alone: the vehicle with nothing around it.

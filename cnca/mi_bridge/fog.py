@@ -1,4 +1,4 @@
-"""Multiply scattered light in a fog layer, solved once per weather.
+"""Multiple scattering of light in a fog layer, solved once per weather.
 
 Away from the vehicle the layer is horizontally uniform, so its radiance depends on height and
 direction alone and obeys the plane-parallel transfer equation (Chandrasekhar 1960, chapter I)

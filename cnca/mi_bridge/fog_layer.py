@@ -63,7 +63,7 @@ class FogLayer:
         return other
 
     def sun_transmittance(self, z: mi.Float) -> mi.Float:
-        """Share of the sun's light that reaches height ``z``; no lanes divide by zero."""
+        """Share of the sun's light that reaches height ``z``; no lane divides by zero."""
         above = dr.clip(self.height - z, 0, self.height)
         return dr.exp(-self.sigma_t * above * self.inv_mu_sun)
 
@@ -150,7 +150,7 @@ class FogLayer:
         return J, mi.Color3f(*values[3:]) if len(values) > 3 else mi.Color3f(0)
 
     def _at_place(self, p: mi.Point3f, w: mi.Float, d: mi.Vector3f, active: mi.Bool) -> mi.Float:
-        """Light at a point relative to that at the origin on the same height."""
+        """Light at a point relative to that at the origin at the same height."""
         assert self._places is not None
         nodes = self._places.shape[1]
         u, v = (0.5 + (0.5 + 0.5 * x / self._reach) * (nodes - 1) for x in (p.x, p.y))
@@ -158,7 +158,7 @@ class FogLayer:
         return dr.maximum(a0 + dr.dot(mi.Vector3f(*a), d), 0)
 
     def phase(self, d: mi.Vector3f, to_sun: mi.Vector3f) -> mi.Float:
-        """Phase function in 1/sr of the sun's light that an eye sees which looks along ``d``."""
+        """Phase function in 1/sr of the sun's light that an eye looking along ``d`` sees."""
         g = self.asymmetry
         # 1 + g² − 2g cos without the difference of nearly equal numbers where the lobe is narrow.
         apart = dr.squared_norm(d - dr.sign(g) * to_sun)

@@ -29,7 +29,7 @@ SPECULAR_SAMPLING_RATE = 0.35
 """Share of samples for a gloss lobe, relative to the diffuse lobe."""
 
 WORLD, HOLED, VEHICLE, PROP = range(4)
-"""To what a surface belongs: the ground to the world, of which some lets light pass."""
+"""What a surface belongs to: the ground to the world, some of which lets light pass."""
 
 
 class Geometry:

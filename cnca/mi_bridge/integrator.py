@@ -8,7 +8,7 @@ outside the kernel does not grow with the path's length.
 
 Two rays leave each surface: one to the sun, whose direction is certain, and one sampled from the
 BSDF, which finds the sky, the fog's light and other surfaces.  Only where a measured sky asks for
-it does a third one look for its lights.  Thin panes of glass are passed on the way, in all.
+it does a third one look for its lights.  All of them pass thin panes of glass on the way.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cnca.mi_bridge.surroundings import Surroundings
 from cnca.mi_bridge.variant import dr, mi
 
 SHARP = 3.0
-"""Density (1/sr) of a direction from which on a lobe counts as a mirror, in which glints are seen
+"""Density (1/sr) of a direction above which a lobe counts as a mirror, in which glints are seen
 rather than gathered; that of matt surfaces is at most 1/π."""
 SLOPES = dr.ADFlag.Default | dr.ADFlag.AllowNoGrad
 """Without a sun none of its light depends on the texture."""
@@ -98,7 +98,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
         first_reflection: three random numbers per ray that choose its first reflection.
         bounces: surface reflections of a path, ≥ 1; 1 is sun and sky alone.
         differentiable: whether to keep the reflections; the texture has 1 as its derivative then.
-        lanes: paths to follow, the others stay dark; by default all.
+        lanes: paths to follow; the others stay dark; by default all.
         starts: whether to follow a path, by what it meets first; likewise.
         reflected: whether the rays come from a surface that has sampled the lamps itself, not from
             a camera.
@@ -119,7 +119,7 @@ def trace(  # noqa: C901  (one kernel, as prb.py has it)
     pdf = mi.Float(0)  # of the direction, if the last surface sampled the lights, too; else 0
     left = mi.Point3f(ray.o)  # the last surface
     hidden = mi.Bool(reflected)  # whether it left all light of lamps to the ray that it sent to one
-    spread = mi.Bool(reflected)  # whether a surface before sent the path on in a wide lobe
+    spread = mi.Bool(reflected)  # whether an earlier surface sent the path on in a wide lobe
     reflections = [dr.zeros(Reflection) for _ in range(bounces if differentiable else 0)]
     active = mi.Bool(True) if lanes is None else mi.Bool(lanes)  # lanes that still walk
 

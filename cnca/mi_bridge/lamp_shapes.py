@@ -19,7 +19,7 @@ IN_FRONT = 0.03
 def lamp_shapes(lamps: Sequence[Lamp]) -> tuple[list[mi.Shape], list[mi.Emitter]]:
     """Squares that shine, and all emitters: theirs, and a spot for each reflector's beam.
 
-    A square with a beam shines by :data:`STRAY` of it to all sides, so that it can be seen.
+    A square with a beam shines with :data:`STRAY` of it to all sides, so that it can be seen.
     """
     shapes, emitters = [], []
     black = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}})

@@ -32,7 +32,7 @@ class LampSample:
     d: mi.Vector3f
     """Unit vector towards it."""
     p: mi.Point3f
-    """The point of the lamp."""
+    """The point of the lamp that was drawn."""
     irradiance: mi.Color3f
     """On a surface that faces it, over the probability of having drawn it; without shadows."""
     density: mi.Float
@@ -40,7 +40,7 @@ class LampSample:
 
 
 class Lamps:
-    """Emitters of a scene that are sampled; surfaces that emit beside them are met by chance."""
+    """Emitters of a scene that are sampled; other surfaces that emit are met by chance."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class Lamps:
         Args:
             emitters: those of the scene that are sampled, at least one.
             gain: factor on what they, and all other emitters of the scene, emit.
-            shares: what of each one's light gets through a world that is not traced.
+            shares: how much of each one's light gets through a world that is not traced.
         """
         self.scene, self.count = scene, len(emitters)
         # A power of two, so that another number of lamps seldom needs another kernel.
@@ -113,7 +113,7 @@ class Lamps:
 
         Args:
             start: where the ray began.
-            density: per steradian with which it was drawn at a surface that samples lamps, too; 0
+            density: with which it was drawn, per steradian, at a surface that samples lamps, too; 0
                 where no such surface drew it, and all light counts.
             hidden: rays from surfaces that leave all light of lamps to their own samples.
         """

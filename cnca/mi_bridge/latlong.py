@@ -1,4 +1,4 @@
-"""Latitude–longitude maps as textures that are filtered right across φ = 0."""
+"""Latitude–longitude maps as textures that are filtered correctly across φ = 0."""
 
 from __future__ import annotations
 
@@ -16,6 +16,6 @@ def direction_uv(d: mi.Vector3f, columns: int) -> mi.Point2f:
 
 
 def wrap_columns(grid: np.ndarray) -> mi.TensorXf:
-    """Repeat the first and last column so that linear filtering is right across φ = 0."""
+    """Repeat the first and last column so that linear filtering is correct across φ = 0."""
     wrapped = np.concatenate([grid[..., -1:, :], grid, grid[..., :1, :]], axis=-2)
     return mi.TensorXf(np.ascontiguousarray(wrapped, dtype=np.float32))

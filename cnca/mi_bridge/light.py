@@ -117,7 +117,7 @@ def _measured_light(weather: Weather, sky_map: SkyMap) -> Light:
 def _coarse(
     radiance: Float[np.ndarray, "rows columns 3"], rotation: float
 ) -> Float[np.ndarray, "coarse_rows coarse_columns 3"]:
-    """A map turned by so many degrees, its texels averaged."""
+    """A map turned by that many degrees, its texels averaged."""
     rows, columns = radiance.shape[:2]
     if rows > SKY_ROWS:
         size = (SKY_COLUMNS, SKY_ROWS)

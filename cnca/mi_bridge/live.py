@@ -30,12 +30,12 @@ from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.cameras import View
 
 RECORDINGS = 8
-"""Of different plans and picture sizes that are kept for one geometry."""
+"""Recordings of different plans and picture sizes that are kept for one geometry."""
 MOST_FAILURES = 2
 """Attempts to record a draw, after which it is traced anew each time."""
 
 TRAVERSED = (mi.Object, mi.Texture1f, mi.Texture2f, mi.Texture3f)
-"""Of Mitsuba's types those that Dr.Jit looks into for arrays."""
+"""Those of Mitsuba's types that Dr.Jit searches for arrays."""
 Constants = tuple[object, ...]
 
 
@@ -111,7 +111,7 @@ class _Recording:
 
     @property
     def shot(self) -> Shot:
-        """What is drawn: Dr.Jit may record anew at any time, and must find the light of now."""
+        """What is drawn: Dr.Jit may record anew at any time, and must find the present light."""
         assert self._shot is not None
         return self._shot
 
@@ -132,7 +132,7 @@ class _Recording:
 
 @contextmanager
 def _no_collection() -> Iterator[None]:
-    """Arrays of numpy that are freed while Dr.Jit records end the process."""
+    """Keep NumPy arrays: freeing one while Dr.Jit records ends the process."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -25,7 +25,7 @@ class _Kept:
     calls: int = 0
     """Renders that it has served."""
     plain: PlainPictures | None = None
-    """Made once a residual asks for it."""
+    """Made when a residual first asks for it."""
 
     @property
     def megabytes(self) -> float:
@@ -37,12 +37,12 @@ class _Kept:
 class LookupRenderer:
     """A :class:`cnca.scene.protocols.Renderer` whose pictures are affine in the texture.
 
-    Meant, as :class:`KeptBackgrounds`, for a loop that comes back to the same views.  Pictures have
-    no other noise than their shading, which does not change: the seed is without effect.
+    Meant, like :class:`KeptBackgrounds`, for a loop that comes back to the same views.  Pictures
+    have no other noise than their shading, which does not change: the seed is without effect.
     """
 
     def __init__(self, kept: KeptBackgrounds, shading: Shading, refresh: int | None = None) -> None:
-        """With ``refresh`` a view is shaded anew, in the present texture, after so many renders.
+        """With ``refresh`` a view is shaded anew, in the present texture, after that many renders.
 
         A run that is interrupted then does not go on as if it had not been.
         """
@@ -98,9 +98,9 @@ class LookupRenderer:
         return kept.picture
 
     def _shaded(self, view: View, weather: Weather) -> _Kept:
-        """What is kept of one view, however long; a new one is shaded in the plain paint.
+        """What is kept of one view, however old; a new one is shaded in the plain paint.
 
-        Whichever step comes upon it: a resumed loop finds the same.
+        It does not depend on the step that asks first: a resumed loop finds the same.
         """
         if (view, weather) not in self._kept:
             self._kept[view, weather] = _Kept(self.shading(view, weather, self.kept.plain))

@@ -9,7 +9,7 @@ source J = ϖ ∫ p I dω, and its differences from place to place,
 
 such that the mean of J over all directions, and its mean direction, are those found at the place:
 in front of a wall the fog is darker, most of all towards the wall.  The sun's light that is
-scattered but once is not in it, as in the solution: it is known in closed form but for shadows,
+scattered only once is not in it, nor in the solution: it is known in closed form but for shadows,
 which are traced or the probe's.
 """
 
@@ -31,21 +31,21 @@ from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.environment import sky_directions, sky_solid_angles
 
 LEVELS, ROWS, COLUMNS, SAMPLES = 8, 16, 24, 64
-"""Of the table, and walks for each of its entries."""
+"""Size of the table, and walks for each of its entries."""
 FINER = 3
 """Directions of the radiance that the phase function is applied to, per row and column of it."""
 AROUND = 5.0
 """Metres from the vehicle's middle within which the table's walks start."""
 NODES, REACH, WALKS = 11, 22.0, 200
-"""Of the grid of places: per side, metres to its outermost ones, walks from each."""
+"""The grid of places: nodes per side, metres to its outermost ones, walks from each."""
 BLUR = 1.0
-"""Nodes: standard deviation of the weights with which neighbours count, against their noise."""
+"""Nodes: standard deviation of the weights with which neighbors count, against their noise."""
 PRIOR = 0.02
 """Weight of "as at the vehicle", relative to what is found: it holds where there is no light."""
 LOWEST, EYE = 0.05, 1.5
 """Metres above the ground: where walks start at least, and from where their places are seen."""
 DEPTH, SURE = 96, 6
-"""Most events of a walk, and those before it may end by chance."""
+"""Most events of a walk, and how many of them come before it may end by chance."""
 SEED = 0x2C1B3C6D
 
 
@@ -157,7 +157,7 @@ def _fit_places(
 
     Args:
         sums: of ∫ J_x b dω over the walks from each node.
-        walks: their number; those of a node's neighbours count, too.
+        walks: their number; those of a node's neighbors count, too.
     """
     from scipy.ndimage import gaussian_filter  # slow to import, and needed in foggy worlds alone
 

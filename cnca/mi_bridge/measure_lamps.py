@@ -1,7 +1,7 @@
-"""What of a world's lamps reaches the vehicle: seen once, kept beside its probe.
+"""How much light of a world's lamps reaches the vehicle: measured once, kept beside its probe.
 
 Each lamp has one number, the share of its light that gets through the world to the vehicle and the
-road around it.  Neglected: that a post or a parked car shades a part of them alone, and lamps that
+road around it.  Neglected: that a post or a parked car shades only a part of these, and lamps that
 together add less than :data:`LEAST` of the light there.
 """
 
@@ -20,7 +20,7 @@ from cnca.mi_bridge.variant import dr, mi
 from cnca.scene.environment import sky_solid_angles
 
 SAMPLES = 256
-"""Looks at each lamp."""
+"""Rays to each lamp."""
 AROUND = 1.5
 """Metres around the vehicle's box in which they start."""
 LEAST = 0.01
@@ -32,7 +32,7 @@ class KeptLamps:
     """Lamps of a world as the vehicle sees them."""
 
     shares: Float[np.ndarray, " lamps"]
-    """Of their light, what nothing stands before, in [0, 1]."""
+    """Share of their light that nothing blocks, in [0, 1]."""
     towards: Float[np.ndarray, "lamps 3"]
     """Unit vectors from the vehicle's middle."""
     irradiance: Float[np.ndarray, "lamps 3"]

@@ -19,7 +19,7 @@ from cnca.mi_bridge.variant import dr, mi
 BOUNCES = 3
 """Reflections within the world; the vehicle's own come on top."""
 SUN_SAMPLES = 4
-"""Looks at the sun from each cell of its map."""
+"""Rays to the sun from each cell of its map."""
 LOWEST = 0.25
 """Metres above the ground that no kerb reaches: from there the sun is looked for."""
 SEED = 0x51ED270B
@@ -102,7 +102,7 @@ def _frame(sun: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 def _sun_shares(
     bare: Geometry, sky: Sky, box: Corners, frame: Float[np.ndarray, "3 3"], resolution: Resolution
 ) -> Float[np.ndarray, "size size 2"]:
-    """Of each line towards the sun: what passes from the vehicle's box on, and from the ground on.
+    """What passes along each line to the sun: from the vehicle's box onward, and from the ground.
 
     What stands between ground and box on such a line shades the ground alone.
     """

@@ -1,4 +1,4 @@
-"""How many rays are traced at once: pictures of more are rendered in parts, whose mean they are."""
+"""How many rays are traced at once: pictures of more are the mean of parts."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ BUDGET = "CNCA_MEMORY_BUDGET"
 """Environment variable with the memory that rays may take; ``cnca --memory-budget`` sets it."""
 
 BYTES = 50
-"""That a ray takes at most, forward or backward: where a pixel has several, 14 each."""
+"""Most that a ray takes, forward or backward: where a pixel has several, 14 each."""
 
 MOST_RAYS = 2**24
-"""At once without a budget."""
+"""Rays at once without a budget."""
 
 UNITS = {"": 1, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
@@ -25,7 +25,7 @@ def samples_at_once(pixels: int, most_rays: int | None = None) -> int:
     """Rays per pixel of one part of a picture; ``most_rays`` may ask for less than there is room.
 
     Raises:
-        BackendError: the budget is no size, or has no room for one ray per pixel.
+        BackendError: the budget is not a size, or has no room for one ray per pixel.
     """
     budget = os.environ.get(BUDGET)
     room = _bytes(budget) // BYTES if budget else MOST_RAYS

@@ -1,6 +1,6 @@
 """The ground around the vehicle as one small mesh, where the rest of a world is a panorama.
 
-On it the vehicle's shadow falls, and from it the light comes that a texture's lower half gets.
+The vehicle's shadow falls on it, and a texture's lower half gets its light from it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ HALF = 9.6
 CELLS = 96
 """Squares per side, 20 cm wide."""
 TEXELS, SAMPLES = 512, 4
-"""Texels per side of its picture, and looks at each."""
+"""Texels per side of its picture, and rays to each."""
 TOP = 0.35
 """Metres: what is higher or deeper is not the ground that the vehicle stands on."""
 STEP = 0.25

@@ -1,4 +1,4 @@
-"""What light passes without a bend: thin panes of glass, and the holes between leaves."""
+"""What light passes without being bent: thin panes of glass, and the holes between leaves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cnca.mi_bridge.variant import dr, mi
 MOST_PANES = 8
 """Thin panes of glass that a path may pass; light behind more of them is lost."""
 MOST_HOLES = 32
-"""Holes in leaves that a look may pass."""
+"""Holes in leaves that a camera ray may pass."""
 
 
 @dr.syntax
@@ -17,7 +17,7 @@ def pane_transmittance(
 ) -> mi.Color3f:
     """Share of light that comes along ``ray`` through panes, from infinity or from its ``end``.
 
-    It is 0 behind all else.
+    It is 0 behind everything else.
     """
     T = mi.Color3f(1)
     panes = mi.UInt32(0)

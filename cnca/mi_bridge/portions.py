@@ -1,4 +1,4 @@
-"""What of a picture in a world is rendered: all of it, or the vehicle alone."""
+"""Which part of a picture in a world is rendered: all of it, or the vehicle alone."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ WHOLE = Portion()
 
 
 def vehicle_part(shares: Float[np.ndarray, " pixels"]) -> Portion:
-    """The vehicle in the world's kept light; ``shares`` is what of it nothing hides."""
+    """The vehicle in the world's kept light; ``shares`` is how much of it nothing hides."""
     return Portion(True, "probe", shares)

@@ -43,8 +43,8 @@ class Cameras:
         ((self.width, self.height),) = sizes
         self.count = len(views)
         frames = np.array([_camera_frame(view) for view in views], dtype=np.float32)
-        # (views, 4 vectors, 3 axes).  A list, for Dr.Jit's own memory: kernels that are recorded
-        # (live.py) fit arrays as they were aligned, and those of numpy lie where they come to lie.
+        # (views, 4 vectors, 3 axes).  A list, for Dr.Jit's own memory: recorded kernels
+        # (live.py) expect arrays aligned as when recorded, and NumPy's may lie anywhere.
         self.frames = mi.Float(frames.ravel().tolist())
         self.names = [view.name for view in views]
         self._chosen = pixels
@@ -55,7 +55,7 @@ class Cameras:
     def rays(
         self, samples: int, seed: mi.UInt32 | None = None, first: int | mi.UInt32 = 0
     ) -> tuple[mi.Ray3f, list[mi.Float]]:
-        """One ray per lane, and three numbers in [0, 1) that go on with its even spread.
+        """One ray per lane, and three numbers in [0, 1) that continue its even spread.
 
         A pixel's lanes form one low-discrepancy set, shifted at random.  Without a seed the set is
         the same in each pixel and starts at its centre.  It begins with its point ``first``.

@@ -32,7 +32,7 @@ from cnca.vehicle.model import Part, Vehicle
 from cnca.world.model import World
 
 VISIBLE_SAMPLES = 64
-"""Looks at each pixel for what hides the vehicle there."""
+"""Rays per pixel that look for what hides the vehicle there."""
 
 
 class MitsubaRenderer:
@@ -60,7 +60,7 @@ class MitsubaRenderer:
             bounces: surface reflections of a path, likewise; 1 is sun and sky alone.
             exposure: factor on the metered exposure.
             props: other things that stand around; painted ones wear the vehicle's texture.
-            demand: which effects to render how, unless a picture asks for something else; by
+            demand: which effects to render and how, unless a picture asks for something else; by
                 default the usual ones.
             worlds: what stands around the vehicle, which faces +x in its origin, at each spot.
             wetness: of the ground, in [0, 1].
@@ -75,7 +75,7 @@ class MitsubaRenderer:
         self._amounts = amounts(Contents(everything, world, wetness))
 
         self.texture_size = texture_size
-        # What is most likely asked for, since kernels go on holding code of what was built before.
+        # What will most likely be asked for: kernels go on holding code of what was built before.
         best: dict[str, Model] = {
             "materials": "coat" if self._amounts["materials"] else "principled",
             "glass": "pane" if self._amounts["glass"] else "dark",
@@ -139,7 +139,7 @@ class MitsubaRenderer:
 
         Args:
             samples: rays per pixel in place of those that the plan takes.
-            portion: what of a world's pictures to render, such as the vehicle alone.
+            portion: which part of a world's pictures to render, such as the vehicle alone.
             first: with which of each pixel's evenly spread samples to begin: what goes on where
                 another call with the same seed ended is as even as one call of both.
         """
@@ -211,7 +211,7 @@ class MitsubaRenderer:
         return vehicle_mask(self.built.traced(views), self._cameras(views))
 
     def sightings(self, views: Sequence[View]) -> list[list[Sighting]]:
-        """What else with a label each view shows."""
+        """Everything else with a label that each view shows."""
         objects = self.built.objects(views)
         if objects is None:
             return [[] for _ in views]

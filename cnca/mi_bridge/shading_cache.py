@@ -30,7 +30,7 @@ from cnca.scene.cameras import View
 from cnca.scene.weather import Weather
 
 RAYS_AT_ONCE = 2**20
-"""Each takes about 250 bytes here, and sorted texels."""
+"""Each takes about 250 bytes here, and its sorted texels besides."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class TracedShading:
 
 
 def split(shot: Shot, texture: mi.TensorXf) -> _Split:
-    """Trace a shot and tell apart what its first hits' texture multiplies; exposed radiance.
+    """Trace a shot and separate what its first hits' texture multiplies; exposed radiance.
 
     Only the texture of the first hit is taken out: farther ones are ``texture``.
     """

@@ -12,7 +12,7 @@ from cnca.scene.layers import Sighting
 from cnca.world.model import World, WorldObject
 
 NEARNESS = 1e-4
-"""Relative difference of two distances that are those of one surface."""
+"""Relative difference up to which two distances are those of one surface."""
 
 
 class Sightings:
@@ -22,7 +22,7 @@ class Sightings:
         self._objects = [(o.label, _alone(world, o)) for o in world.objects]
 
     def look(self, geometry: Geometry, cameras: Cameras) -> list[list[Sighting]]:
-        """Of each view, the objects of which at least one pixel's centre shows something.
+        """For each view, the objects that at least one pixel's centre shows.
 
         An object is hidden where something is nearer than its own nearest surface.
         """

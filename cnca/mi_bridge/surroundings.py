@@ -26,17 +26,17 @@ class Surroundings:
     photo: PhotographedGround | None = None
     """Ground that shows what the sky's map has below the horizon."""
     lamps: Lamps | None = None
-    """The world's, while they are on."""
+    """The world's lamps, while they are on."""
     brightest: float | None = None
     """Most that a surface seen by another reflects of the sun's irradiance, per steradian.
 
-    Without it sun that lacquer or windows throw on a matt surface is met by one path in thousands,
-    a white speck; white paper reflects 1/π.
+    Without it one path in thousands meets the sun that lacquer or windows throw on a matt surface,
+    and leaves a white speck; white paper reflects 1/π.
     """
 
     @property
     def table(self) -> DirectionTable | None:
-        """From which surfaces draw directions of the sky; what stands before it must be traced."""
+        """Where surfaces draw directions of the sky from; what stands before it must be traced."""
         return self.sky.table if self.probe is None else None
 
     def radiance(self, d: mi.Vector3f, active: mi.Bool) -> mi.Color3f:

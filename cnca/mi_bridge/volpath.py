@@ -1,4 +1,4 @@
-"""The same scene by Mitsuba's own volumetric path tracer: slow, and right where ours neglects.
+"""The same scene by Mitsuba's own volumetric path tracer: slow, and right in what ours neglects.
 
 Mitsuba's emitters light it and its random walk carries the fog, so that nothing but geometry and
 materials is shared with our integrator.
@@ -39,8 +39,8 @@ SUN_DISTANCE = 1e6
 def as_envmap(sky: Float[np.ndarray, "rows columns 3"]) -> dict[str, object]:
     """Our sky map as Mitsuba's ``envmap``: y up, φ from −z to +x, here turned to z up.
 
-    No texel is black: where four neighbours are, a random number of exactly 0 leads ``envmap`` to a
-    direction that is NaN, which the BSDF's value times no light keeps (once in 2²³ samples).
+    No texel is black: where four neighbors are, a random number of exactly 0 leads ``envmap`` to a
+    direction that is NaN, and the BSDF's value times no light is NaN too (once in 2²³ samples).
     """
     columns = sky.shape[1]
     order = (columns // 4 - 1 - np.arange(columns)) % columns

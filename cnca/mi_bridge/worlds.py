@@ -32,7 +32,7 @@ VEHICLE_HALF = 2.0
 class Worlds:
     """Worlds around one vehicle; the traced one holds the code of its many materials.
 
-    So it is let go before pictures are rendered that do without it.
+    So it is released before pictures that do without it are rendered.
     """
 
     def __init__(self, make: Callable[[Spot], World], alone: Geometry) -> None:
@@ -100,7 +100,7 @@ class Worlds:
         return self._lamplit[key]
 
     def lamps(self, spot: Spot, atmosphere: Atmosphere) -> KeptLamps | None:
-        """What of the world's lamps reaches the vehicle; None where there are none, or off."""
+        """A world's lamps as the vehicle sees them; None where there are none, or all are off."""
         key = spot, atmosphere
         if key not in self._kept_lamps:
             kept = None

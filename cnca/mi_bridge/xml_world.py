@@ -41,7 +41,7 @@ def refuse_unknown_plugins(path: Path) -> None:
 
 
 def _reason(error: Exception) -> str:
-    """The last thing that Mitsuba says: what it stumbled over, the way there left out.
+    """The last thing that Mitsuba says: what it stumbled over, without the way there.
 
     A list belongs to the line above it.
     """
