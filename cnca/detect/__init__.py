@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 BUILTIN, TORCHVISION, DARKNET = "builtin", "torchvision:", "darknet:"
 HUB_FILES = ("config.json", "preprocessor_config.json", "*.safetensors")
-"""Of a detector on the Hugging Face hub."""
+"""Files of a detector on the Hugging Face hub."""
 _ASSETS = Path(__file__).parents[1] / "assets" / "detector"
 BUILTIN_CONFIG = _ASSETS / "builtin.cfg"
 TRAINED = {
@@ -98,7 +98,7 @@ def detector_files(spec: str) -> list[Path]:
 
 
 def _path(spec: str) -> Path:
-    """Where a detector lies, fetched where the name is one of the net."""
+    """Where a detector lies; fetched first if its name refers to the net."""
     if is_hub_name(spec):
         return hub_folder(spec, HUB_FILES, DetectorError)
     if spec.startswith(DARKNET):
@@ -109,10 +109,10 @@ def _path(spec: str) -> Path:
 
 
 def _hub_name(spec: str) -> str | None:
-    """The model's name without its owner; its folder in the cache is called by a number."""
+    """The model's name without its owner; its folder in the cache is named by a number."""
     return spec.rpartition("/")[2].partition("@")[0] if is_hub_name(spec) else None
 
 
 def _is_own(spec: str) -> bool:
-    """Whether it is ``module:attribute`` and none of the names that only look like it."""
+    """Whether ``spec`` is ``module:attribute``, not one of the names that only look like it."""
     return is_plugin(spec) and not spec.startswith((f"{BUILTIN}:", TORCHVISION, DARKNET, HUB))

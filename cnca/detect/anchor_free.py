@@ -16,7 +16,7 @@ from cnca.detect.grid import cell_corners
 from cnca.detect.yolo import LARGEST_EXPONENT
 
 USUAL_SIZE = 4.0
-"""Cells that an object is wide: where training starts."""
+"""Size of an object in cells: where training starts."""
 Raw = Float[Tensor, "batch outputs _ _"]
 
 
@@ -53,14 +53,14 @@ class AnchorFreeHead(nn.Module):
         return Candidates(boxes, torch.ones_like(logits[..., 0]), logits.sigmoid())
 
     def start(self, bias: Tensor, prior: float) -> None:
-        """Set the bias of the layer before: boxes of usual size, scores of ``prior``."""
+        """Set the bias of the preceding layer for boxes of usual size and scores of ``prior``."""
         bias[:2] = 0.5
         bias[2:4] = math.log(USUAL_SIZE)
         bias[4:] = math.log(prior / (1 - prior))
 
 
 def anchor_free_head(section: Section, channels: int) -> AnchorFreeHead:
-    """Build a head from an ``[anchor_free]`` section that ``channels`` values enter."""
+    """Build a head from an ``[anchor_free]`` section with ``channels`` input channels."""
     classes = section.integer("classes", 20, least=1)
     if channels != 4 + classes:
         need = f"4 + {classes} classes need {4 + classes} filters in the layer before"

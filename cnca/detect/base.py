@@ -14,7 +14,7 @@ from cnca.core.types import Candidates, Detections, SrgbImages
 
 
 class CandidateDetector(ABC):
-    """A detector (``cnca.scene.protocols.Detector``) that is told apart by its candidates alone."""
+    """A detector (``cnca.scene.protocols.Detector``) that is defined by its candidates alone."""
 
     name: str
     class_names: Sequence[str]

@@ -53,7 +53,7 @@ _DARKNETS = """region gaussian_yolo detection softmax soft cost crop connected c
     stride_x stride_y dilation antialiasing xnor binary bin_output share_index assisted_excitation
     rotate stretch stretch_sway sway coordconv deform wait_stream maxpool_depth out_channels scale
     weights_type weights_normalization embedding_layer"""
-"""Sections and keys that Darknet has beside these: to name a similar one would change the network.
+"""Sections and keys that Darknet has besides: suggesting a similar one would change the network.
 
 Source: AlexeyAB/darknet, ``src/parser.c``.
 """
@@ -164,7 +164,7 @@ def parse_config(text: str, path: Path) -> Config:
 def _open_section(path: Path, content: str, number: int, count: int) -> Section:
     kind = content.strip("[] ").lower()
     kind = _ALIASES.get(kind, kind)
-    place = "" if kind == "net" else f"layer {count - 1} "  # as Darknet counts: [net] is none
+    place = "" if kind == "net" else f"layer {count - 1} "  # as Darknet counts, without [net]
     where = f"{path}, {place}[{kind}] at line {number}"
     if kind not in _READ or (kind == "net") != (count == 0):
         hint = _hint(kind, SECTIONS)

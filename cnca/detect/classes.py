@@ -23,7 +23,7 @@ COCO = (
 """The 80 classes of COCO (Lin et al. 2014) in the order that detectors trained on it use."""
 
 NOTHING = "N/A"
-"""The name of a number that no class has."""
+"""The name given to a number that no class has."""
 _UNUSED = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
 _USED = iter(COCO)
 COCO91 = tuple(NOTHING if number in _UNUSED else next(_USED) for number in range(91))
@@ -41,11 +41,11 @@ CLASS_LISTS: Mapping[str, Sequence[str]] = {"coco": COCO, "coco91": COCO91, "voc
 
 CAR, VEHICLE = "car", "vehicle"
 VEHICLES = (CAR, "truck", "bus")
-"""What a vehicle on a road may be reported as in the column of any vehicle."""
+"""Classes that a vehicle on a road may be reported as to count in the column ``vehicle``."""
 GENERIC = ("bicycle", "car", "motorbike", "aeroplane", "bus", "train", "truck", "boat")
 """What a class called ``vehicle`` stands for: COCO's supercategory of that name."""
 SYNONYMS = {"motorcycle": "motorbike", "airplane": "aeroplane"}
-"""Other names of the same classes, such as COCO's own files and torchvision have."""
+"""Other names of the same classes, such as those in COCO's own files and torchvision."""
 LISTED = 10
 """Classes that an error message lists."""
 
@@ -64,7 +64,7 @@ def read_names(path: Path) -> list[str]:
 
 
 def known_name(name: str) -> str:
-    """A class by the one name that it has here, whatever its case and spelling."""
+    """The one name that a class has here, whatever its case and spelling."""
     name = name.strip().lower()
     return SYNONYMS.get(name, name)
 
@@ -72,8 +72,8 @@ def known_name(name: str) -> str:
 def counted(label: str = CAR) -> dict[str, tuple[str, ...]]:
     """Column → the classes that count in it, for a vehicle that is a ``label``.
 
-    One column holds the class alone.  The other, ``vehicle``, also what else a vehicle on a road is
-    taken for: to be found as a truck is to be found.
+    One column holds the class alone.  The other, ``vehicle``, also holds the classes that a vehicle
+    on a road is mistaken for: to be found as a truck is to be found.
     """
     label = known_name(label)
     wider = tuple(dict.fromkeys([*VEHICLES, label]))
@@ -83,10 +83,10 @@ def counted(label: str = CAR) -> dict[str, tuple[str, ...]]:
 def vehicle_labels(
     class_names: Sequence[str], label: str = CAR, *, detector: str = "the detector"
 ) -> dict[str, tuple[int, ...]]:
-    """Column of :func:`counted` → the detector's labels as which the vehicle counts as found.
+    """Column of :func:`counted` → the detector's labels by which the vehicle counts as found.
 
-    Case does not matter.  A detector that does not tell the vehicle's kind apart, but has a class
-    ``vehicle`` or ``vehicles``, finds it as that: it stands in both columns.
+    Case does not matter.  A detector that does not tell kinds of vehicles apart, but has a class
+    ``vehicle`` or ``vehicles``, finds it as that: the class stands in both columns.
 
     Raises:
         DetectorError: there is no such class; names ``detector`` and the nearest class.

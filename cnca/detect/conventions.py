@@ -1,8 +1,9 @@
-"""Which convention a network follows, by trying it on a picture of a car that ships.
+"""Which convention a network follows, found by trying it on a picture that ships with CNCA.
 
-Graphs do not say whether boxes are (x, y) or (y, x), pixels or parts of the picture, whether class
-3 is COCO's fourth name or its number 3, or what white is.  The usual reading stays where the
-network finds the car with it; else the reading that finds the car best is taken, and said.
+Graphs do not say whether boxes are (x, y) or (y, x), in pixels or in fractions of the picture,
+whether class 3 is COCO's fourth name or its number 3, or what white is.  The usual reading stays
+where the network finds the car in the picture with it; otherwise the reading that finds the car
+best is taken, and a note says so.
 """
 
 from __future__ import annotations
@@ -40,14 +41,14 @@ from cnca.detect.preprocess import IMAGENET, PLAIN, Entry
 PICTURE = Path(__file__).parents[1] / "assets" / "reference" / "car.jpg"
 """The built-in sedan in plain paint, rendered in a street of our own, 320 × 320."""
 CAR = (50.0, 163.0, 269.0, 243.0)
-"""Where it is, xyxy in pixels."""
+"""Where the car is, xyxy in pixels."""
 ENTRIES = (PLAIN, BYTES, IMAGENET, MMDETECTION, YOLO, YOLOX, BLUE_FIRST, NANODET)
 READINGS = {
     "boxes": ("xyxy", "yxyx", "cxcywh"),
     "units": ("pixels", "picture"),
     "classes": ("coco", "coco91"),
 }
-"""Option → what it may be where nothing is said."""
+"""Option → the values to try where the user says nothing."""
 Find = Callable[[Outputs, Options], Layout]
 Run = Callable[[Tensor], Outputs]
 
@@ -55,14 +56,14 @@ Run = Callable[[Tensor], Outputs]
 def settled(
     layout: Layout, options: Options, size: tuple[int, int], run: Run, find: Find
 ) -> tuple[Layout, str]:
-    """The layout to take, and a note where it is another than the usual one.
+    """The layout to take, and a note where it is not the usual one.
 
     Args:
         layout: the usual reading.
-        options: what the user says, which is never tried otherwise.
+        options: what the user says, which is always taken as given.
         size: height and width of the input.
         run: one call of the network for pictures of the input's size.
-        find: the layout by outputs and options; raises Unknown where none fits.
+        find: finds the layout from outputs and options; raises Unknown where none fits.
     """
     usual = options.entry(layout.entry)
     if _score(layout, *_seen(usual, size, run)) >= ALARM:
@@ -83,7 +84,7 @@ def settled(
 
 
 def _readings(options: Options) -> Iterator[dict[str, str]]:
-    """All combinations of what the user does not say."""
+    """All combinations of the options that the user leaves open."""
     said = {key for key in READINGS if getattr(options, key) is not None}
     free = {key: values for key, values in READINGS.items() if key not in said}
     for values in product(*free.values()):
@@ -93,7 +94,7 @@ def _readings(options: Options) -> Iterator[dict[str, str]]:
 def _seen(
     entry: Entry, size: tuple[int, int], run: Run
 ) -> tuple[Outputs, Callable[[Tensor], Tensor]]:
-    """What the network answers to the picture, and how boxes come back into it."""
+    """The network's outputs for the picture, and what maps boxes back into it."""
     inputs, placement = entry.prepare(reference_picture(), size)
     return run(inputs), placement.back
 

@@ -29,7 +29,7 @@ Head = YoloHead | AnchorFreeHead
 
 
 class Convolution(nn.Module):
-    """Convolution, optional batch normalisation, activation."""
+    """Convolution, optional batch normalization, activation."""
 
     def __init__(self, section: Section, channels: int) -> None:
         super().__init__()
@@ -46,13 +46,13 @@ class Convolution(nn.Module):
         self.activation = activation(section, "logistic")
 
     def forward(self, x: Features, outputs: Outputs) -> Features:
-        """Convolve, normalise, activate."""
+        """Convolve, normalize, activate."""
         x = self.convolution(x)
         return self.activation(self.norm(x) if self.norm is not None else x)
 
 
 class MaxPool(nn.Module):
-    """Maximum over windows; the border is padded by −∞, more of it right and below."""
+    """Maximum over windows; the border is padded with −∞, more on the right and at the bottom."""
 
     def __init__(self, section: Section) -> None:
         super().__init__()
@@ -157,7 +157,7 @@ class Darknet(nn.Module):
         self.reset_parameters(generator or torch.Generator().manual_seed(0))
 
     def reset_parameters(self, generator: torch.Generator) -> None:
-        """Draw weights after He et al. (2015); biases and normalisations become neutral."""
+        """Draw weights after He et al. (2015); biases and normalizations become neutral."""
         for layer in self.layers:
             if isinstance(layer, Convolution):
                 weight = layer.convolution.weight

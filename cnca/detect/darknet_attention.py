@@ -1,4 +1,4 @@
-"""Layers of Darknet that weigh others (squeeze-and-excitation, spatial attention), and YOLOv2's."""
+"""Darknet's layers that weight others (squeeze-and-excitation, spatial attention), and reorg."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class AveragePool(nn.Module):
 
 
 class Weighted(nn.Module):
-    """An earlier layer, each value times the weight that enters.
+    """The values of an earlier layer, each times the weight that enters.
 
     ``[scale_channels]`` has one weight for each channel (or, with ``scale_wh``, for each place),
     ``[sam]`` one for each value (Woo et al. 2018, as YOLOv4 has it).
@@ -40,7 +40,7 @@ class Reorganized(nn.Module):
     """YOLOv2's passthrough: blocks of ``stride`` × ``stride`` places become channels.
 
     Darknet reads its input as if it had fewer, larger channels, which mixes places; networks are
-    trained with it, so that it is done here, too.
+    trained with this, so it is done here, too.
     """
 
     def __init__(self, section: Section) -> None:

@@ -30,11 +30,11 @@ ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
 }
 DARKNETS = ("norm_chan", "norm_chan_softmax", "norm_chan_softmax_maxval", "lhtan", "plse", "stair",
             "hardtan", "revleaky", "relie")  # fmt: skip
-"""Others that Darknet has: to name a similar one would change the network."""
+"""Others that Darknet has: suggesting a similar one would change the network."""
 
 Features = Float[Tensor, "batch _ _ _"]
 Outputs = Mapping[int, Features]
-"""Of the layers that later ones refer to, by number."""
+"""Outputs of the layers that later ones refer to, by number."""
 
 
 def sources(section: Section, key: str, index: int) -> tuple[int, ...]:
@@ -46,7 +46,7 @@ def sources(section: Section, key: str, index: int) -> tuple[int, ...]:
 
 
 def activation(section: Section, default: str) -> Callable[[Tensor], Tensor]:
-    """What the key ``activation`` says."""
+    """The function that the key ``activation`` names."""
     name = section.text("activation", default)
     if name not in ACTIVATIONS:
         hint = "" if name in DARKNETS else did_you_mean(name, ACTIVATIONS)
@@ -55,5 +55,5 @@ def activation(section: Section, default: str) -> Callable[[Tensor], Tensor]:
 
 
 def shape(x: Features) -> str:
-    """For messages, without the batch."""
+    """The shape for messages, without the batch."""
     return "×".join(map(str, x.shape[1:]))

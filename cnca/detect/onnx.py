@@ -28,7 +28,7 @@ from cnca.detect.onnx_runtime import Pictures, Runtime
 class OnnxDetector(CandidateDetector):
     """A network of one of the layouts in :mod:`cnca.detect.onnx_layouts`.
 
-    What the graph does not tell stands in a YAML file of the same stem beside it
+    What the graph does not tell is stated in a YAML file of the same stem beside it
     (:class:`cnca.detect.onnx_options.Options`).  Pictures that ask for a gradient go through the
     same graph in torch; all others through ONNX Runtime, which is faster.
     """
@@ -37,7 +37,7 @@ class OnnxDetector(CandidateDetector):
         """Open ``path``.
 
         Raises:
-            DetectorError: the file is missing, is no ONNX model, or has an unknown layout.
+            DetectorError: the file is missing, is not an ONNX model, or has an unknown layout.
         """
         self.path = path
         self.name = name or path.stem
@@ -82,7 +82,7 @@ class OnnxDetector(CandidateDetector):
             ) from None
 
     def _head(self, runtime: Runtime, options: Options) -> tuple[Runtime, Layout]:
-        """How boxes leave it, told from a picture of zeros; raises Unknown or DetectorError."""
+        """How boxes leave the network, told from zero input; raises Unknown or DetectorError."""
         try:
             first = runtime.run(torch.zeros(runtime.batch, 3, *runtime.size))
         except DetectorError:
@@ -98,7 +98,7 @@ class OnnxDetector(CandidateDetector):
             raise Unknown(f"outputs {shapes} for an input of {runtime.size}: {error}") from None
 
     def _in_torch(self, model: onnx.ModelProto | None) -> OnnxNetwork:
-        """The graph as a torch module, compared on noise; raises NoGradientError."""
+        """The graph in torch, compared with ONNX Runtime on noise; raises NoGradientError."""
         if model is None:
             raise NoGradientError("the file cannot be read by the package onnx")
         size = (self.runtime.batch, 3, *self.runtime.size)

@@ -20,9 +20,9 @@ Size = tuple[int, int]
 """Height and width of the network's input in pixels."""
 
 LARGEST_PART = 1.5
-"""A box in parts of the picture sticks out of it, but not further than this."""
+"""A box in fractions of the picture may stick out of it, but not further than this."""
 ROUNDING = 1e-3
-"""By which probabilities in half precision may pass 0 and 1."""
+"""How far probabilities in half precision may lie outside [0, 1]."""
 
 
 class Unknown(ValueError):
@@ -54,7 +54,7 @@ def from_offsets(rows: Rows, cells: Cells, centre: float) -> Rows:
 
 
 def from_distances(rows: Rows, cells: Cells, centre: float) -> Rows:
-    """xyxy in pixels: each side lies the expected distance, in strides, off the cell's centre."""
+    """xyxy in pixels: each side lies the expected distance, in strides, from the cell's centre."""
     origin, stride = (cells[:, :2] + centre) * cells[:, 2:], cells[:, 2:]
     bins = rows.unflatten(-1, (4, -1)).softmax(dim=-1)
     distance = (bins * torch.arange(bins.shape[-1]).to(bins)).sum(dim=-1) * stride
@@ -69,7 +69,7 @@ def are_parts(boxes: Rows) -> bool:
 def corners_in_pixels(
     boxes: Boxes, size: Size, say: Options, *, xyxy: bool, parts: bool = False
 ) -> Boxes:
-    """xyxy in pixels of the input; what the user says of notation and unit wins."""
+    """xyxy in pixels of the input; what the user says about notation and unit wins."""
     if say.boxes == "yxyx":
         boxes = boxes[..., [1, 0, 3, 2]]
     if (say.units or ("picture" if parts else "pixels")) == "picture":
@@ -79,7 +79,7 @@ def corners_in_pixels(
 
 
 def classes_of(width: int, names: Sequence[str] | None) -> tuple[Sequence[str], bool]:
-    """The classes of ``width`` columns of scores, and whether a last one means nothing."""
+    """The classes of ``width`` columns of scores, and whether one column more means no object."""
     for known in (names,) if names else (COCO, COCO91):
         if width - len(known) in (0, 1):
             return known, width > len(known)
@@ -87,9 +87,9 @@ def classes_of(width: int, names: Sequence[str] | None) -> tuple[Sequence[str], 
 
 
 def find_activation(scores: Tensor, surplus: bool = False) -> str:
-    """What turns ``scores`` into probabilities: nothing if they look like ones.
+    """What turns ``scores`` into probabilities: nothing if they look like some already.
 
-    ``surplus`` says that the last column means nothing, which only softmax weighs against others.
+    ``surplus`` says that the last column means no object, which only softmax weighs against others.
     """
     if bool(((scores >= -ROUNDING) & (scores <= 1 + ROUNDING)).all()):
         return "none"
@@ -104,12 +104,12 @@ def activate(scores: Tensor, activation: str) -> Tensor:
 
 
 def without_objectness(corners: Rows, scores: Rows) -> Candidates:
-    """Candidates of a network that has no such output."""
+    """Candidates of a network without an output for objectness."""
     return Candidates(corners, torch.ones_like(scores[..., 0]), scores)
 
 
 def of_labels(boxes: Tensor, scores: Tensor, labels: Tensor, classes: int) -> Candidates:
-    """Boxes that keep the score of one class; labels without a class, as fill has, score 0."""
+    """Boxes that keep the score of one class; labels of no class, as padding has, score 0."""
     if boxes.ndim == 2:  # an export without a batch
         boxes, scores, labels = boxes[None], scores[None], labels[None]
     columns = labels.round()[..., None] == torch.arange(classes, device=labels.device)

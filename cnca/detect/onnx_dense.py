@@ -47,13 +47,13 @@ def dense(
     say: Options,
     kind: str | None = None,
 ) -> Layout | None:
-    """One row of values per cell or anchor, all levels behind each other."""
+    """One row of values per cell or anchor, one level after the other."""
     table, class_names = _table(outputs, names, any_width=kind is not None)
     first = table(outputs)
     cells, one_per_cell = _cells_of(first, size, say)
     masks = next((o.shape[1] for o in outputs.values() if o.ndim == 4), 0)
     surplus = first.shape[2] - len(class_names)
-    if masks and surplus - masks in (4, 5):  # weights of masks stand behind the scores
+    if masks and surplus - masks in (4, 5):  # weights of masks follow the scores
         surplus -= masks
         first, table = first[..., :-masks], partial(_without_masks, table=table, masks=masks)
     if kind is None:
@@ -124,7 +124,7 @@ def _table(
         if levels:
             return partial(_join, levels=levels), class_names
         widths = {classes + more for more in (4, 5, *(4 * bins for bins in USUAL_BINS))}
-        # Beside boxes for instances, each with as many weights as there are pictures of masks.
+        # Instance segmentation adds as many weights to each box as there are prototypes of masks.
         masks = {o.shape[1] for o in outputs.values() if o.ndim == 4}
         widths |= {classes + more + count for more in (4, 5) for count in masks}
         if any_width:
@@ -153,7 +153,7 @@ def _levels(tables: Outputs, classes: int) -> list[tuple[str, str]]:
 
 
 def _join(found: Outputs, levels: Sequence[tuple[str, str]]) -> Rows:
-    """Level under level, the distributions beside the scores."""
+    """One level below the other, the distributions beside the scores."""
     return torch.cat([torch.cat([found[name] for name in pair], dim=2) for pair in levels], dim=1)
 
 

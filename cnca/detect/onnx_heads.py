@@ -15,11 +15,11 @@ from cnca.detect.onnx_options import Options
 from cnca.detect.onnx_runtime import Runtime
 
 Head = tuple[onnx.ModelProto | None, Options]
-"""A graph that ends there, None where it is the file's own, and what is known of its boxes."""
+"""A graph that ends where boxes are read, None for the file's own, and what is known of them."""
 
 
 def read_model(path: Path) -> onnx.ModelProto | None:
-    """The graph in ``path``; None where it cannot be read, of which ONNX Runtime says more."""
+    """The graph in ``path``; None where it cannot be read, about which ONNX Runtime says more."""
     try:
         return onnx.load(str(path))
     except Exception:  # protobuf's errors share no public base class
@@ -29,8 +29,8 @@ def read_model(path: Path) -> onnx.ModelProto | None:
 def heads(path: Path, model: onnx.ModelProto | None, options: Options) -> Iterator[Head]:
     """All places to try, the best first; the last one is the end of the graph.
 
-    Suppression hides the candidates, of which an attack needs all, and has a threshold of its own.
-    Where the user names outputs or a layout, they are taken at their word.
+    Suppression hides candidates, all of which an attack needs, and has a threshold of its own.
+    Where the user names outputs or a layout, no other place is tried.
     """
     if model is not None and options.outputs is None and options.layout is None:
         for node in suppressing(model):

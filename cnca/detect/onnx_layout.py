@@ -16,7 +16,7 @@ Table = Callable[[Outputs], Rows]
 
 STRIDES = ((8, 16, 32), (8, 16, 32, 64))
 USUAL_BINS = (8, 16, 17)
-"""Distances per side that published networks tell apart; others want ``layout: distribution``."""
+"""Distances per side that published networks tell apart; others need ``layout: distribution``."""
 SIDE_WIDTHS = range(4 * 2, 4 * 65, 4)
 LARGEST_WIDTH = 300
 ANCHORS_PER_CELL = (1, 3)
@@ -34,7 +34,7 @@ class Layout:
     """How pictures enter a network, how boxes leave it, and what its classes are called."""
 
     entry: Entry
-    """What is usual for networks of the kind."""
+    """What is usual for networks of this kind."""
     class_names: Sequence[str]
     decode: Callable[[Outputs], Candidates]
     """The outputs of one call → candidates in pixels of the network's input."""

@@ -9,7 +9,7 @@
 ``yolox``             the same, not yet decoded: offsets from the cell and logarithms of sizes
 ``distribution``      one row per cell: scores, then for each side a distribution over distances
                       (Li et al. 2020, generalised focal loss): NanoDet, PicoDet
-``grid``              pictures of cells: FastestDet, YOLO-FastestV2 (:mod:`cnca.detect.onnx_single`)
+``grid``              maps of cells: FastestDet, YOLO-FastestV2 (:mod:`cnca.detect.onnx_single`)
 ====================  =====================================================================
 """
 
@@ -153,8 +153,8 @@ def _detr(outputs: Outputs, size: Size, names: Sequence[str] | None, say: Option
 
 
 def _grid(outputs: Outputs, size: Size, names: Sequence[str] | None, say: Options) -> Layout | None:
-    """One family that keeps rows and columns."""
-    del say  # nothing about them can be otherwise
+    """Outputs that keep rows and columns, all of one family."""
+    del say  # nothing in these layouts is left open
     kinds = {name: channels_of(o.shape, names) for name, o in outputs.items() if o.ndim == 4}
     known = {name: kind for name, kind in kinds.items() if kind}
     families = {kind for kind, _ in known.values()}
@@ -176,13 +176,13 @@ def _grid(outputs: Outputs, size: Size, names: Sequence[str] | None, say: Option
 
 
 def _boxes(outputs: Outputs, *widths: int) -> str | None:
-    """The first output with so many columns, with or without a batch."""
+    """The first output with one of these numbers of columns, with or without a batch."""
     tables = (n for n, o in outputs.items() if o.ndim in (2, 3) and o.shape[-1] in widths)
     return next(tables, None)
 
 
 def _labels(outputs: Outputs) -> str | None:
-    """The output that numbers classes, by its name or else by holding whole numbers."""
+    """The output with the numbers of classes, found by its name or else by its integers."""
     whole = [n for n, o in outputs.items() if not o.is_floating_point() and o.numel() != 1]
     return _named(outputs, "label", "class") or next(iter(whole), None)
 

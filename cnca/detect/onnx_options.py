@@ -40,7 +40,7 @@ class Options(BaseModel):
     mean: tuple[Finite, Finite, Finite] | None = None
     """Subtracted from the channels, in their order at the input and in units of ``white``."""
     std: tuple[Positive, Positive, Positive] | None = None
-    """By which the channels are then divided."""
+    """What the channels are then divided by."""
     fit: Fit | None = None
     """How pictures are fitted into the input."""
     fill: Annotated[float, Field(ge=0, le=255)] | None = None
@@ -61,7 +61,7 @@ class Options(BaseModel):
         return CLASS_LISTS[self.classes] if isinstance(self.classes, str) else self.classes
 
     def entry(self, usual: Entry) -> Entry:
-        """How pictures enter: as is ``usual`` for the layout, but for what is said here."""
+        """How pictures enter: as ``usual`` for the layout, except for what is said here."""
         said = self.model_dump(include={"channels", "white", "mean", "std", "fit", "fill"})
         return Entry(**{**vars(usual), **{k: v for k, v in said.items() if v is not None}})
 
@@ -70,7 +70,7 @@ def read_options(path: Path) -> Options:
     """Read ``path``; without such a file nothing is said.
 
     Raises:
-        DetectorError: the file is no YAML mapping, or a key or value in it is wrong.
+        DetectorError: the file is not a YAML mapping, or a key or value in it is wrong.
     """
     try:
         content = read_yaml(path, DetectorError) or {}

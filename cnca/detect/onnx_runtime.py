@@ -24,24 +24,24 @@ TYPES = {
     "tensor(int32)": np.int32,
 }
 MOST_PIXELS = 2**26
-"""Of one call."""
+"""Most pixels in one call."""
 ONES = ("scale_factor", "pixel_mask", "mask")
-"""Further inputs by name: how much the picture was scaled, and where there is one."""
+"""Further inputs by name: how much the picture was scaled, and which pixels are picture."""
 HEIGHT_WIDTH, WIDTH_HEIGHT = ("im_shape", "image_shape"), ("orig_target_sizes", "orig_size")
 """Further inputs by name: the size to which boxes are scaled; here always that of the input."""
 
 Pictures = Float[Tensor, "batch 3 height width"]
-"""As many as the graph takes at once, of its size."""
+"""As many as the graph takes at once, of its input's size."""
 
 
 class Runtime:
-    """A session of ONNX Runtime; knows size, type and order of axes of its pictures."""
+    """A session of ONNX Runtime that knows the size, type and order of axes of its pictures."""
 
     def __init__(self, path: Path, options: Options, model: onnx.ModelProto | None = None) -> None:
-        """Open the file at ``path``, or ``model``, which was made of it.
+        """Open the file at ``path``, or ``model``, which was made from it.
 
         Raises:
-            DetectorError: it is missing, is no ONNX model, or takes no pictures.
+            DetectorError: the file is missing, is not an ONNX model, or takes no pictures.
         """
         self.path = path
         self.session = _open_session(path, model)
@@ -92,14 +92,14 @@ class Runtime:
         return bool(np.issubdtype(self.type, np.integer))
 
     def run(self, pictures: Pictures) -> dict[str, Tensor]:
-        """One call of the network; without gradient."""
+        """One call of the network, without a gradient."""
         feed = {name: values.numpy() for name, values in self.inputs(pictures.detach()).items()}
         if self.takes_whole_numbers:
             feed[self.input_name] = feed[self.input_name].round()
         feed[self.input_name] = np.ascontiguousarray(feed[self.input_name].astype(self.type))
         found = self.session.run(self.outputs, feed)
         tensors = (torch.from_numpy(np.asarray(values)) for values in found)
-        # Half precision becomes single; whole numbers stay, they tell labels from scores.
+        # Half precision becomes single; whole numbers stay, since they tell labels from scores.
         tensors = (t.float() if t.is_floating_point() else t for t in tensors)
         return dict(zip(self.outputs, tensors, strict=True))
 
@@ -130,7 +130,7 @@ def _open_session(path: Path, model: onnx.ModelProto | None) -> onnxruntime.Infe
         raise DetectorError(f"{path}: no such file; give the path of an .onnx detector")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = torch.get_num_threads()
-    options.log_severity_level = 3  # errors alone: warnings about shapes are not the user's
+    options.log_severity_level = 3  # errors alone: warnings about shapes are not for the user
     source = path if model is None else model.SerializeToString()
     try:
         return onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])

@@ -1,4 +1,4 @@
-"""Layouts that single families have, told by the shapes of four-dimensional outputs.
+"""Layouts of single families, told by the shapes of four-dimensional outputs.
 
 FastestDet (X. Ma 2022) has one level: for each cell objectness, a box and classes.  Its confidence
 is D_o^0.6 · D_c^0.4.  YOLO-FastestV2 (X. Ma 2021) has two levels with three anchors each, whose
@@ -44,8 +44,9 @@ def channels_of(shape: Sequence[int], names: Sequence[str] | None) -> tuple[str,
 def fastestdet(output: Tensor, size: Size) -> Candidates:
     """Candidates of an output (batch, 5 + classes, rows, columns) in pixels of the input.
 
-    Centres are tanh off their cell's corner in cells, sizes the logistic function in parts of the
-    input.  Objectness and classes are probabilities already.
+    Centres lie tanh of the output off their cell's corner, in cells; sizes are the logistic
+    function of the output, in fractions of the input.  Objectness and classes are already
+    probabilities.
     """
     rows, columns = output.shape[2:]
     values = output.permute(0, 2, 3, 1)

@@ -13,8 +13,8 @@ from torch.nn import functional
 from cnca.core.types import Boxes, SrgbImages
 
 Fit = Literal["stretch", "letterbox", "corner"]
-"""Resize without regard to the aspect ratio; or keep it, the picture in the middle of the input; or
-keep it, the picture at the top left."""
+"""Resize without regard to the aspect ratio; or keep it, with the picture in the middle of the
+input; or keep it, with the picture at the top left."""
 Triple = tuple[float, float, float]
 Resized = Float[Tensor, "batch 3 _ _"]
 """Pictures of another size."""

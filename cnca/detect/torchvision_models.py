@@ -20,14 +20,14 @@ from cnca.detect.classes import COCO91, read_names
 
 FAMILIES = ("fasterrcnn", "retinanet", "ssd", "fcos")
 MOST, LEAST_SCORE = 1000, 0.001
-"""Of each picture's boxes so many are kept, the best, unless they score less than that."""
+"""How many of each picture's boxes are kept, the best, and the score that they need for it."""
 
 
 class TorchvisionDetector(CandidateDetector):
-    """Faster R-CNN, RetinaNet, SSD or FCOS; resizing and normalising are the model's own.
+    """Faster R-CNN, RetinaNet, SSD or FCOS; resizing and normalizing are the model's own.
 
-    The model's suppression is off.  Each candidate is a box for one class; the rest of the
-    ``MOST`` are filled up with boxes of score 0.
+    The model's suppression is off.  Each candidate is a box for one class; boxes of score 0
+    fill up to ``MOST``.
     """
 
     differentiable = True

@@ -21,9 +21,9 @@ from cnca.detect.base import CandidateDetector
 from cnca.detect.preprocess import IMAGENET, PLAIN, Entry
 
 SOFTMAX = ("detr", "yolos")
-"""Trained with one more class for nothing, against which softmax weighs the others."""
+"""Trained with one more class, no object, against which softmax weighs the others."""
 FIXED_SIZE = ("rt_detr", "rt_detr_v2", "d_fine")
-"""Trained on values in [0, 1] of squares of 640 pixels."""
+"""Trained on squares of 640 pixels with values in [0, 1]."""
 KINDS = (*SOFTMAX, "conditional_detr", "deformable_detr", *FIXED_SIZE)
 SHORTEST, LONGEST, SQUARE = 800, 1333, 640
 """Pixels per side where a folder says nothing."""
@@ -32,7 +32,7 @@ SHORTEST, LONGEST, SQUARE = 800, 1333, 640
 class TransformersDetector(CandidateDetector):
     """A network with ``logits`` and ``pred_boxes``, in evaluation mode with frozen weights.
 
-    Pictures are resized and normalised as ``preprocessor_config.json`` says, and otherwise as is
+    Pictures are resized and normalized as ``preprocessor_config.json`` says, and otherwise as is
     usual for the kind.
     """
 

@@ -21,7 +21,7 @@ from cnca.detect.yolov3 import CONFIGS
 class DarknetDetector(CandidateDetector):
     """A network with ``[yolo]`` heads, in evaluation mode with frozen weights.
 
-    Pictures are stretched to the network's input, as Bochkovskiy's Darknet does, under which
+    Pictures are stretched to the network's input, as Bochkovskiy's Darknet does, with which
     YOLOv4 and YOLO-Fastest were trained; ``letter_box=1`` in ``[net]`` (his key) keeps the aspect
     ratio instead and fills with grey 0.5, as Redmon's Darknet does.
     """
@@ -39,7 +39,7 @@ class DarknetDetector(CandidateDetector):
     def load(
         cls, config: Path, *, device: torch.device | str = "cpu", name: str | None = None
     ) -> DarknetDetector:
-        """Read ``config`` and, of the same stem, its weights and (other classes than COCO's) names.
+        """Read ``config`` and the weights of its stem; names too, where classes are not COCO's.
 
         Raises:
             DetectorError: a file is missing or cannot be used.
@@ -48,7 +48,7 @@ class DarknetDetector(CandidateDetector):
 
     @classmethod
     def load_weights(cls, weights: Path, *, device: torch.device | str = "cpu") -> DarknetDetector:
-        """Read ``weights`` of the configuration of the same stem beside it, or of our own YOLOv3.
+        """Read ``weights`` for the configuration of the same stem beside it, or for our own YOLOv3.
 
         Raises:
             DetectorError: there is neither, or a file cannot be used.

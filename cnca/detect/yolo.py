@@ -15,7 +15,7 @@ from cnca.detect.cfg import Section
 from cnca.detect.grid import cell_corners
 
 LARGEST_EXPONENT = 8.0
-"""Bound on t_w and t_h: a box is at most e⁸ ≈ 2981 anchors wide, where exp cannot overflow."""
+"""Bound on t_w and t_h: a box is at most e⁸ ≈ 2981 anchors wide, and exp cannot overflow."""
 
 
 class YoloHead(nn.Module):
@@ -31,8 +31,8 @@ class YoloHead(nn.Module):
     ) -> None:
         """``anchors`` are widths and heights in pixels of the network's input.
 
-        ``new_coords`` (scaled YOLOv4, Wang et al. 2021, and YOLOv7): the layer before has already
-        taken the logistic function of everything, and sizes are (2 t)² anchors.
+        ``new_coords`` (scaled YOLOv4, Wang et al. 2021, and YOLOv7): the preceding layer has
+        already taken the logistic function of everything, and sizes are (2 t)² times the anchors.
         """
         super().__init__()
         self.new_coords = new_coords
@@ -68,7 +68,7 @@ class YoloHead(nn.Module):
         return cxcywh_to_xyxy(torch.cat([centres, sizes], dim=-1))
 
     def start(self, bias: Tensor, prior: float) -> None:
-        """Set the bias of the layer before so that objectness is ``prior`` everywhere."""
+        """Set the bias of the preceding layer so that objectness is ``prior`` everywhere."""
         bias.view(-1, 5 + self.classes)[:, 4] = math.log(prior / (1 - prior))
 
     def candidates(
@@ -88,7 +88,7 @@ class YoloHead(nn.Module):
 
 
 def yolo_head(section: Section, channels: int) -> YoloHead:
-    """Build a head from a ``[yolo]`` section that ``channels`` values enter."""
+    """Build a head from a ``[yolo]`` section with ``channels`` input channels."""
     values = section.numbers("anchors")
     pairs = list(zip(values[0::2], values[1::2], strict=False))
     expected = 2 * section.integer("num", len(pairs))

@@ -46,7 +46,7 @@ def yolov3_tiny(classes: int = COCO_CLASSES, size: int = 416) -> str:
 
 
 CONFIGS: dict[str, Callable[[], str]] = {"yolov3": yolov3, "yolov3-tiny": yolov3_tiny}
-"""What ``NAME.weights`` without a configuration beside it belongs to."""
+"""NAME → what writes the configuration of ``NAME.weights`` where none lies beside it."""
 
 ADDRESS = "https://pjreddie.com/media/files/"
 """Where the authors publish their weights."""
@@ -78,7 +78,7 @@ def published_weights(name: str) -> Path:
 
 
 def _net(size: int) -> str:
-    """Redmon's Darknet keeps the aspect ratio of a picture and fills up with grey."""
+    """Redmon's Darknet keeps the aspect ratio of a picture and fills the rest with grey."""
     return f"[net]\nwidth={size}\nheight={size}\nchannels=3\nletter_box=1"
 
 
@@ -106,7 +106,7 @@ def _head(mask: str, anchors: str, classes: int) -> list[str]:
 
 
 def _finer(filters: int, layer: int) -> list[str]:
-    """Back before the head, upsample, and join with ``layer`` of the backbone."""
+    """Go back before the head, upsample, and join with ``layer`` of the backbone."""
     return [
         "[route]\nlayers=-4",
         _convolution(filters, 1),

@@ -3,7 +3,7 @@
 GrabCut (Rother, Kolmogorov and Blake, 2004) parts the photograph into vehicle and surroundings: the
 projected mesh says roughly where the vehicle is, and within 15 pixels of its outline the colors
 and edges of the photograph decide.  Edges alone would not do: a lane marking or a kerb that runs
-along the roof is a stronger one than the roof's own.  The error is the distance in pixels from the
+along the roof is a stronger edge than the roof's own.  The error is the distance in pixels from the
 points of either outline to the other one.
 """
 
@@ -59,7 +59,7 @@ def silhouette(vehicle: Vehicle, view: View) -> Bool[np.ndarray, "height width"]
             raise SceneError(
                 f"view '{view.name}': part of the vehicle is behind the camera; move it away"
             )
-        # A pixel's centre has whole-numbered coordinates for OpenCV, half-numbered ones for us.
+        # A pixel's centre has integer coordinates in OpenCV, half-integer ones here.
         fixed = np.rint((pixels - 0.5) * 2**_SUBPIXEL_BITS).astype(np.int32)
         for triangle in fixed[part.faces]:
             cv2.fillConvexPoly(mask, triangle, 1, shift=_SUBPIXEL_BITS)
@@ -69,7 +69,7 @@ def silhouette(vehicle: Vehicle, view: View) -> Bool[np.ndarray, "height width"]
 def photographed_silhouette(
     mask: Bool[np.ndarray, "height width"], photograph: SrgbArray
 ) -> Bool[np.ndarray, "height width"]:
-    """Return the photograph's pixels of the vehicle that ``mask`` covers to within :data:`REACH`.
+    """Return the pixels of the photographed vehicle, which ``mask`` covers to within :data:`REACH`.
 
     Raises SceneError if no outline of a vehicle wider than twice that lies in the picture.
     """

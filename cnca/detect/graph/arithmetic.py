@@ -28,7 +28,7 @@ def variadic(function: Callable[[Tensor, Tensor], Tensor]) -> Operation:
 
 
 def divide(node: Node, values: Values) -> Tensor:
-    """Quotients; those of whole numbers are cut towards zero."""
+    """Quotients; those of whole numbers are truncated towards zero."""
     a, b = needed(values, 0), needed(values, 1)
     return a / b if a.is_floating_point() else torch.div(a, b, rounding_mode="trunc")
 
@@ -46,7 +46,7 @@ def modulo(node: Node, values: Values) -> Tensor:
 
 
 def clip(node: Node, values: Values) -> Tensor:
-    """Values between two bounds, of which either may be missing."""
+    """Values between two bounds, either of which may be missing."""
     x = needed(values)
     low, high = at(values, 1), at(values, 2)
     if node.opset < 11:
@@ -71,7 +71,7 @@ def prelu(node: Node, values: Values) -> Tensor:
 
 
 def hard_sigmoid(node: Node, values: Values) -> Tensor:
-    """A straight line within [0, 1]."""
+    """A straight line, clipped to [0, 1]."""
     return (needed(values) * node.get("alpha", 0.2) + node.get("beta", 0.5)).clamp(0, 1)
 
 
@@ -105,7 +105,7 @@ def elu(node: Node, values: Values) -> Tensor:
 
 
 def first_input(node: Node, values: Values) -> Tensor:
-    """What does nothing outside of training."""
+    """The first input unchanged, for operations that do nothing outside training."""
     return needed(values)
 
 

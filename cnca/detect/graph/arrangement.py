@@ -48,13 +48,13 @@ def transpose(node: Node, values: Values) -> Tensor:
 
 
 def squeeze(node: Node, values: Values) -> Tensor:
-    """Without axes of length 1."""
+    """The tensor without axes of length 1."""
     axes = node.numbers("axes", values, 1)
     return needed(values).squeeze() if axes is None else needed(values).squeeze(tuple(axes))
 
 
 def unsqueeze(node: Node, values: Values) -> Tensor:
-    """With further axes of length 1."""
+    """The tensor with further axes of length 1."""
     x, axes = needed(values), node.numbers("axes", values, 1) or []
     rank = x.ndim + len(axes)
     for axis in sorted(axis % rank for axis in axes):
@@ -63,7 +63,7 @@ def unsqueeze(node: Node, values: Values) -> Tensor:
 
 
 def concatenate(node: Node, values: Values) -> Tensor:
-    """One tensor behind the other."""
+    """One tensor after the other along an axis."""
     return torch.cat([v for v in values if v is not None], dim=node.get("axis", 0))
 
 
@@ -78,7 +78,7 @@ def split(node: Node, values: Values) -> Sequence[Tensor]:
 
 
 def cut(node: Node, values: Values) -> Tensor:
-    """``Slice``: from starts to ends by steps, of which some may run backwards."""
+    """``Slice``: from starts to ends by steps, some of which may run backwards."""
     x = needed(values)
     starts, ends = node.numbers("starts", values, 1), node.numbers("ends", values, 2)
     if starts is None or ends is None:
@@ -146,12 +146,12 @@ def expand(node: Node, values: Values) -> Tensor:
 
 
 def tile(node: Node, values: Values) -> Tensor:
-    """Repeated along each axis."""
+    """The tensor repeated along each axis."""
     return needed(values).repeat(whole(values, 1))
 
 
 def pad(node: Node, values: Values) -> Tensor:
-    """Values added before and after axes; negative ones take some away."""
+    """Values added before and after axes; negative numbers take some away."""
     x, kind = needed(values), node.get("mode", b"constant")
     pads = node.numbers("pads", values, 1) or []
     filled = at(values, 2)
@@ -185,13 +185,13 @@ def constant_of_shape(node: Node, values: Values) -> Tensor:
 
 
 def counting(node: Node, values: Values) -> Tensor:
-    """``Range``: from a start to before an end by steps."""
+    """``Range``: numbers from a start to before an end by steps."""
     start, end, step = (needed(values, i) for i in range(3))
     return torch.arange(start.item(), end.item(), step.item(), dtype=start.dtype)
 
 
 def cast(node: Node, values: Values) -> Tensor:
-    """Another type of number."""
+    """The values as another type of number."""
     kind = TENSOR_TYPES.get(node.get("to", 0))
     if kind is None:
         raise node.unsupported(f"type {node.get('to', 0)}")
@@ -199,7 +199,7 @@ def cast(node: Node, values: Values) -> Tensor:
 
 
 def cast_like(node: Node, values: Values) -> Tensor:
-    """The type of another tensor."""
+    """The values in the type of another tensor."""
     return needed(values, 0).to(needed(values, 1).dtype)
 
 

@@ -12,7 +12,7 @@ from cnca.detect.graph.network import OnnxNetwork
 from cnca.detect.graph.node import UnsupportedError
 
 TOLERANCE, HALF_TOLERANCE = 1e-4, 1e-2
-"""Of outputs, absolute and relative; the latter for weights in half precision."""
+"""Of outputs, both absolute and relative; the second one for weights in half precision."""
 
 
 class NoGradientError(ValueError):
@@ -30,10 +30,10 @@ def white_box(
     Args:
         inputs: all inputs by name.
         picture: which of them is to have a gradient.
-        expected: outputs by name, by ONNX Runtime.
+        expected: outputs by name, as ONNX Runtime computes them.
 
     Raises:
-        NoGradientError: an operation is unknown, the outputs are others, or have no gradient.
+        NoGradientError: an operation is unknown, the outputs differ, or have no gradient.
     """
     leaf = inputs[picture].detach().requires_grad_()
     try:

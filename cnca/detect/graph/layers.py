@@ -1,4 +1,4 @@
-"""Convolutions, pooling, normalisation and products of matrices."""
+"""Convolutions, pooling, normalization and products of matrices."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def max_pool(node: Node, values: Values) -> Tensor:
 
 
 def average_pool(node: Node, values: Values) -> Tensor:
-    """The mean of the values under a window, of those of the padding only where asked for."""
+    """The mean of the values under a window, with those of the padding only where asked for."""
     x, size = needed(values), node.get("kernel_shape", [])
     axes = len(size)
     strides, dilations = node.get("strides", [1] * axes), node.get("dilations", [1] * axes)
@@ -91,19 +91,19 @@ def average_pool(node: Node, values: Values) -> Tensor:
 
 
 def batch_normalization(node: Node, values: Values) -> Tensor:
-    """By the statistics of training."""
+    """Normalize by the statistics of training."""
     x, scale, bias, mean, variance = (needed(values, i) for i in range(5))
     return functional.batch_norm(x, mean, variance, scale, bias, eps=node.get("epsilon", 1e-5))
 
 
 def instance_normalization(node: Node, values: Values) -> Tensor:
-    """By the statistics of each channel of each picture."""
+    """Normalize by the statistics of each channel of each picture."""
     x, scale, bias = (needed(values, i) for i in range(3))
     return functional.instance_norm(x, weight=scale, bias=bias, eps=node.get("epsilon", 1e-5))
 
 
 def layer_normalization(node: Node, values: Values) -> Tensor:
-    """By the statistics of the last axes."""
+    """Normalize by the statistics of the last axes."""
     x, scale = needed(values, 0), needed(values, 1)
     if len(node.outputs) > 1:
         raise node.unsupported("its statistics")
@@ -114,7 +114,7 @@ def layer_normalization(node: Node, values: Values) -> Tensor:
 
 
 def group_normalization(node: Node, values: Values) -> Tensor:
-    """By the statistics of groups of channels; scales belong to channels since opset 21."""
+    """Normalize by the statistics of channel groups; scales belong to channels since opset 21."""
     x, scale, bias = (needed(values, i) for i in range(3))
     groups = node.get("num_groups", 1)
     if node.opset < 21:
@@ -137,7 +137,7 @@ def matmul(node: Node, values: Values) -> Tensor:
 
 
 def einsum(node: Node, values: Values) -> Tensor:
-    """A sum of products by Einstein's notation."""
+    """A sum of products in Einstein's notation."""
     return torch.einsum(node.get("equation", b"").decode(), *[v for v in values if v is not None])
 
 
@@ -160,7 +160,7 @@ def paddings(
     strides: Sequence[int],
     dilations: Sequence[int],
 ) -> tuple[list[int], list[int]]:
-    """Values to add before and after each axis of the lengths ``inside``."""
+    """How many values to add before and after each axis, whose lengths are ``inside``."""
     axes, kind = len(size), node.get("auto_pad", b"NOTSET")
     pads = node.get("pads", [0] * 2 * axes)
     if kind in (b"NOTSET", b"VALID"):
@@ -191,7 +191,7 @@ def _rounded_up(
     before: Sequence[int],
     after: Sequence[int],
 ) -> list[int]:
-    """Padding behind each axis under ``ceil_mode``; no window begins in what is added."""
+    """Padding after each axis under ``ceil_mode``; no window begins in what is added."""
     if not node.get("ceil_mode", 0):
         return list(after)
     grown = []

@@ -23,7 +23,7 @@ OPERATIONS: Mapping[str, Operation] = {
 }
 """Operation by its name in ONNX."""
 DOMAINS = ("", "ai.onnx")
-"""Of ONNX's own operations."""
+"""Domains of ONNX's own operations."""
 
 
 class OnnxNetwork(nn.Module):
@@ -36,7 +36,7 @@ class OnnxNetwork(nn.Module):
         """Read the nodes and weights.
 
         Raises:
-            UnsupportedError: an operation is unknown; names it.
+            UnsupportedError: an operation is unknown; the error names it.
         """
         super().__init__()
         opset = max(entry.version for entry in model.opset_import if entry.domain in DOMAINS)
@@ -56,7 +56,7 @@ class OnnxNetwork(nn.Module):
         self.outputs = [entry.name for entry in graph.output]
         self._weights = {}
         for number, (name, tensor) in enumerate(self.constants.items()):
-            if tensor.is_floating_point():  # whole numbers are shapes, which stay on the processor
+            if tensor.is_floating_point():  # whole numbers are shapes, which stay on the CPU
                 self.register_buffer(f"weight_{number}", tensor)
                 self._weights[name] = f"weight_{number}"
         self._last_use = self._find_last_uses()
@@ -77,7 +77,7 @@ class OnnxNetwork(nn.Module):
         return [result] if isinstance(result, Tensor) else result
 
     def _find_last_uses(self) -> list[list[str]]:
-        """The values that no node after this one needs."""
+        """For each node, the values that no node after it needs."""
         seen = {*self.outputs, ""}
         last: list[list[str]] = []
         for node in reversed(self.nodes):

@@ -12,7 +12,7 @@ from torch import Tensor
 
 TENSOR_TYPES: Mapping[int, torch.dtype] = {
     onnx.TensorProto.FLOAT: torch.float32,
-    # Half precision would be slow and coarse on a processor: values are kept in single precision.
+    # Half precision would be slow and coarse on a CPU: values are kept in single precision.
     onnx.TensorProto.FLOAT16: torch.float32,
     onnx.TensorProto.BFLOAT16: torch.float32,
     onnx.TensorProto.DOUBLE: torch.float64,
@@ -39,7 +39,7 @@ class Node:
     """Names of values; "" where an optional input is left out."""
     outputs: Sequence[str]
     opset: int
-    """Version of ONNX's operations by which the node is meant."""
+    """Version of ONNX's operator set by which the node is to be read."""
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
     def get(self, name: str, default: Any) -> Any:

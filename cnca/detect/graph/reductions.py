@@ -35,7 +35,7 @@ def product(x: Tensor, axes: tuple[int, ...], keep: bool) -> Tensor:
 
 
 def extreme(function: Callable[..., Tensor]) -> Operation:
-    """Where the largest or smallest value stands; of equals the first."""
+    """Where the largest or smallest value stands; the first of equals."""
 
     def place(node: Node, values: Values) -> Tensor:
         if node.get("select_last_index", 0):
@@ -51,14 +51,14 @@ def top(node: Node, values: Values) -> Sequence[Tensor]:
     x, count = needed(values), (node.numbers("k", values, 1) if "k" not in node.attributes else [])
     k = count[0] if count else node.get("k", 1)
     largest = bool(node.get("largest", 1))
-    # A stable sort: of equals the first, as ONNX demands and torch.topk does not promise.
+    # A stable sort: equals keep their order, as ONNX demands and torch.topk does not promise.
     found = x.sort(dim=node.get("axis", -1), descending=largest, stable=True)
     axis = node.get("axis", -1)
     return found.values.narrow(axis, 0, k), found.indices.narrow(axis, 0, k)
 
 
 def softmax(node: Node, values: Values) -> Tensor:
-    """Over one axis; before opset 13 over all from ``axis`` on."""
+    """Softmax over one axis; before opset 13 over all from ``axis`` on."""
     return _over_axes(node, needed(values), torch.softmax)
 
 

@@ -1,7 +1,7 @@
 """Resizing by ONNX's rules, which torch's own function covers only in part.
 
-Each axis is resized for itself: every value of the output is a weighted sum of a few *taps* of the
-input (1: nearest, 2: linear, 4: cubic; Keys 1981 for the latter).
+Each axis is resized on its own: every value of the output is a weighted sum of a few *taps* of the
+input (1: nearest, 2: linear, 4: cubic; Keys 1981 for the last).
 """
 
 from __future__ import annotations

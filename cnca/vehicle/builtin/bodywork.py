@@ -18,12 +18,12 @@ from cnca.vehicle.builtin.shapes import SedanShape
 from cnca.vehicle.mesh.surface import Surface, grid_faces
 
 Numbers = np.ndarray
-"""Floats of any shape, of none too; a function takes and returns the same."""
+"""Floats of any shape, or a single one; a function returns the shape that it takes."""
 
 PLAN_EXPONENT = 6.5
-"""Of the outline seen from above; 2 is an ellipse, ∞ a rectangle."""
+"""Exponent of the outline seen from above; 2 is an ellipse, ∞ a rectangle."""
 HEIGHT_EXPONENT = 22.0
-"""Of the outline seen from the side."""
+"""Exponent of the outline seen from the side."""
 END_HEIGHT = 0.99
 """Part of the height's superellipse that is used: 1 would bring nose and tail to a point."""
 END_LIFT = 0.05

@@ -45,7 +45,7 @@ def regions(body: Body) -> list[Region]:
     """All regions in the order in which they are cut; what is left over is paint."""
     glass = [windscreen(body), rear_window(body), *side_windows(body)]
     sealed = [*glass, *lights(body)]
-    # Seals and gaps are thinner than a pixel on what only passes by.
+    # Seals and gaps are thinner than a pixel on vehicles that only pass by.
     seals = [] if body.coarse else sealed
     outlines = [] if body.coarse else [*door_outlines(body), *lids(body)]
     doors = [Region("paint", door) for door in outlines]

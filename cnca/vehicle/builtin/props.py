@@ -84,7 +84,7 @@ def ball(radius: float) -> Part:
 
 
 def placed(part: Part, material: str, position: tuple[float, float], heading: float) -> Part:
-    """The part of another material, turned by ``heading`` (radians) and moved to (x, y) metres."""
+    """The part in another material, turned by ``heading`` (radians) and moved to (x, y) metres."""
     c, s = np.cos(heading), np.sin(heading)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     return Part(
@@ -98,7 +98,7 @@ def placed(part: Part, material: str, position: tuple[float, float], heading: fl
 
 
 def draw_prop(rng: np.random.Generator) -> Part:
-    """A random shape of a size between a suitcase and a small house."""
+    """A random shape, in size between a suitcase and a small house."""
     makers: list[Callable[[], Part]] = [
         lambda: box(rng.uniform([0.5, 0.5, 0.4], [5.5, 2.5, 3.0])),
         lambda: cylinder(rng.uniform(0.08, 1.2), rng.uniform(0.5, 4.0)),

@@ -39,7 +39,7 @@ RECALCULATE = "recalculate normals outside in the modelling program"
 def check(section: VehicleSection, base: Path, source: str = "") -> list[Finding]:
     """Everything that there is to say about a scene's vehicle, the worst first.
 
-    ``source`` is the file that was given, as commands that are proposed name it.
+    ``source`` is the file that was given, as proposed commands are to name it.
 
     Raises MeshError where the file cannot be read at all, TextureError where its mask cannot.
     """
@@ -136,7 +136,8 @@ def _texture(
 def reorder_command(section: VehicleSection, base: Path, source: str) -> str:
     """The command that lays out the vehicle's UVs anew.
 
-    ``source`` is the scene file that the section stands in, or its mesh, which needs the keys.
+    ``source`` is the scene file that the section stands in, or its mesh, with which the command
+    must state the section's keys.
     """
     if Path(source).suffix in SCENE_ENDINGS:
         return shlex.join(["cnca", "reorder-uv", source, "-o", "OUT.obj"])
@@ -170,7 +171,7 @@ def _outside(pieces: Sequence[Piece], sight: Sight) -> Iterator[Finding]:
 
 
 def _inward_normals(pieces: Sequence[Piece]) -> float:
-    """Share of the area of pieces with normals on which these look away from the face's own."""
+    """Share of the area of pieces with normals on which these point against the face's own."""
     wrong = total = 0.0
     for piece in pieces:
         if piece.normals is not None:
@@ -181,7 +182,7 @@ def _inward_normals(pieces: Sequence[Piece]) -> float:
 
 
 def _reading(section: VehicleSection, base: Path) -> Iterator[Finding]:
-    """The last word has the reader that scenes have."""
+    """The reader that scenes use has the last word."""
     options = {"up", "front", "scale", "materials", "unwrap", "recentre"}
     try:
         resolve_vehicle(section.mesh, base, **section.model_dump(include=options))

@@ -1,4 +1,4 @@
-"""The files that a mesh is read from beside its own."""
+"""The files that a mesh is read from besides its own."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cnca.vehicle.mesh.mtl import material_library, pictures_of
 
 
 def mesh_companions(path: Path) -> list[Path]:
-    """The files that exist of those that a ``.gltf`` or ``.obj`` names; others name none.
+    """The existing files among those that a ``.gltf`` or ``.obj`` names; other kinds name none.
 
-    A file that is none of its kind has none: reading it as a mesh says what is wrong.
+    A file that is not of its kind has none: reading it as a mesh says what is wrong.
     """
     names = {".gltf": _named_by_gltf, ".obj": _named_by_obj}.get(path.suffix.lower())
     if names is None:

@@ -7,24 +7,24 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 import trimesh
 
 NEARBY = 1
-"""Folders above the file's own in which a file may lie that is not where the mesh says."""
+"""How many folders up a file is looked for that is not where the mesh says."""
 
 
 class Finder(trimesh.resolvers.Resolver):
-    """Finds the files that a mesh names: where it says, else by their name nearby."""
+    """Finds the files that a mesh names: where it says, else nearby by their name."""
 
     def __init__(self, path: Path) -> None:
         self.folder = path.parent
         self.files: list[Path] = [path]
         """All that were read, the mesh itself first."""
         self.moved: dict[str, Path] = {}
-        """Name in the mesh → where it lay instead."""
+        """Name in the mesh → where the file lay instead."""
         self.missing: list[str] = []
-        """Names of files that lay nowhere."""
+        """Names of files that were not found."""
         self._nearby: dict[str, Path] | None = None
 
     def get(self, name: str) -> bytes:
-        """Its bytes; trimesh takes an error for a picture that is not there."""
+        """The file's bytes; trimesh takes an error as the sign of a missing picture."""
         name = name.strip().strip('"')
         file = self.folder / name
         if not file.is_file():
@@ -41,7 +41,7 @@ class Finder(trimesh.resolvers.Resolver):
         if self._nearby is None:
             top = self.folder
             for _ in range(NEARBY):
-                # Not the whole disk: only while the folders look like those of one world.
+                # Not the whole disk: only while the folders look like those of one project.
                 if len(list(top.parent.iterdir())) > 64:
                     break
                 top = top.parent

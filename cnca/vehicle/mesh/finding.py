@@ -9,7 +9,7 @@ from typing import Literal
 import yaml
 
 Severity = Literal["fault", "warning", "note"]
-"""A fault stops an attack or makes its numbers meaningless; a warning makes it weaker or ugly."""
+"""A fault stops an attack or makes its numbers meaningless; a warning makes it weaker or uglier."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Vehicles from OBJ, PLY, glTF and GLB files, or built in.
 
-Texture coordinates end with v upwards, whatever the file says: OBJ and PLY store it so, glTF stores
-v downwards (glTF 2.0 specification, section 3.8.3).  Pictures and colors in the files are ignored:
-a scene brings its own textures.
+Texture coordinates end up with v upwards, whatever the file says: OBJ and PLY store it that way,
+glTF stores v downwards (glTF 2.0 specification, section 3.8.3).  Pictures and colors in the files
+are ignored: a scene brings its own textures.
 """
 
 from __future__ import annotations
@@ -136,7 +136,8 @@ def _materials(path: Path, names: set[str], chosen: Mapping[str, str]) -> dict[s
 def to_our_axes(path: Path, up: str, front: str) -> Float[np.ndarray, "3 3"]:
     """The rotation whose rows are our front, left and up in the file's axes.
 
-    Raises MeshError where ``up`` and ``front`` are no two axes; ``path`` stands in its message.
+    Raises MeshError where ``up`` and ``front`` are not two different axes; its message names
+    ``path``.
     """
     if not re.fullmatch("[xyz]", up) or not re.fullmatch("[+-][xyz]", front) or up == front[1]:
         raise MeshError(

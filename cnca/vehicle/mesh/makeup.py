@@ -20,9 +20,9 @@ from cnca.vehicle.uv.rebake import shown_in
 WORTH_A_WORD = 0.01
 """Share of what is seen below which nothing is said."""
 LEAST_PAINT, LITTLE_PAINT = 0.02, 0.2
-"""Shares of what is seen below which the paint is none at all, or probably another material's."""
+"""Shares of what is seen below which there is no paint, or probably another material is it."""
 EXPECTED = ("glass", "tyre", "light")
-"""Kinds of material whose lack says that the file's names were not understood."""
+"""Kinds of material whose absence says that the file's names were not understood."""
 
 
 def check_materials(
@@ -87,7 +87,7 @@ def _which_is_what(
 
 
 def _body(kinds: Mapping[str, str], silent: Sequence[str], seen: Mapping[str, float]) -> str:
-    """The material of which most is seen: among those of silent names, else trim, else any."""
+    """The material that is seen most: among those with silent names, else trim, else any."""
     trim = [name for name, kind in kinds.items() if kind == "trim" and seen[name] > WORTH_A_WORD]
     return max(silent or trim or list(kinds), key=lambda name: seen[name])
 

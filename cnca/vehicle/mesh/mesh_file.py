@@ -1,6 +1,6 @@
 """What a mesh file holds, read by trimesh and turned into parts.
 
-Apart from ``load_mesh``, since trimesh is slow to import and built-in vehicles do without it.
+Separate from ``load_mesh``, since trimesh is slow to import and built-in vehicles do without it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def read_meshes(path: Path, finder: Finder | None = None) -> trimesh.Scene:
         if extension in CONVERTED:
             hint = "; open it in Blender and choose File, Export, glTF 2.0"
         raise MeshError(f"{path}: not one of {', '.join(EXTENSIONS)}{hint}")
-    if not os.path.isfile(path):  # also of names that no system takes
+    if not os.path.isfile(path):  # false, too, for names that no system takes
         raise MeshError(f"{path}: no such file; paths start at the scene file's folder")
     try:
         scene = _read(path, extension, finder or Finder(path))
@@ -94,7 +94,7 @@ def read_part(
     *,
     textured: bool,
 ) -> tuple[Part, Int[np.ndarray, " kept"]]:
-    """One piece of the file in our axes, without triangles of no area; and its vertices' indices.
+    """One piece of the file in our axes, without triangles of zero area; and its vertices' indices.
 
     Vertices on creases are doubled.  Raises MeshError for what cannot be rendered: NaN, no area,
     wrong or no texture coordinates.
@@ -145,7 +145,7 @@ def given_normals(mesh: trimesh.Trimesh) -> Float[np.ndarray, "vertices 3"] | No
 
 
 def file_uvs(mesh: trimesh.Trimesh) -> Float[np.ndarray, "vertices 2"] | None:
-    """The texture coordinates that the file has, v upwards; None where it has none for each."""
+    """The texture coordinates that the file has, v upwards; None where a vertex has none."""
     uvs = getattr(mesh.visual, "uv", None)
     return None if uvs is None or len(uvs) != len(mesh.vertices) else np.asarray(uvs, float)
 

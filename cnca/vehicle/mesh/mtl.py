@@ -63,7 +63,7 @@ def pictures_of(text: str) -> list[str]:
 
 
 def picture_name(rest: str) -> str:
-    """A picture's name, which may hold blanks, behind its options."""
+    """A picture's name, which may hold blanks, after its options."""
     words = rest.split(" ")
     while words and (count := OPTIONS.get(words[0].lower())):
         words = _after_values(words[1:], count)
@@ -71,7 +71,7 @@ def picture_name(rest: str) -> str:
 
 
 def _after_values(words: Sequence[str], count: int) -> list[str]:
-    """An option has up to so many values; the first one, of any kind, is always there."""
+    """What follows an option's values, up to ``count``; the first, of any kind, is always there."""
     left = list(words[1:])
     for _ in range(count - 1):
         if left and isinstance(_number(left[0]), float):
@@ -82,7 +82,7 @@ def _after_values(words: Sequence[str], count: int) -> list[str]:
 def made_material(
     values: dict[str, Any], read: Callable[[str], bytes]
 ) -> trimesh.visual.material.SimpleMaterial:
-    """A material of these values, and of the ``picture`` of this name where that is found."""
+    """A material with these values, and with the ``picture`` of this name where it is found."""
     name = values.pop("picture", None)
     material = trimesh.visual.material.SimpleMaterial(**values)
     if name:

@@ -48,14 +48,14 @@ def known_material(name: str) -> str | None:
 
 
 def guess_material(name: str) -> str:
-    """The same, where a silent name stands for trim."""
+    """The same, but a silent name stands for trim."""
     return known_material(name) or "trim"
 
 
 def material_kinds(names: Iterable[str], chosen: Mapping[str, str]) -> dict[str, str]:
     """The file's material names → ours: as chosen, else guessed.
 
-    A file with one material is all paint; where no name speaks of paint, the only silent one is it.
+    A file with one material is all paint; where no name speaks of paint, a single silent one is.
     """
     names = list(names)
     if len(names) == 1 and not chosen:

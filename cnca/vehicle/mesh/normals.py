@@ -10,8 +10,9 @@ from cnca.vehicle.mesh.surface import face_crosses
 CREASE = 40.0
 """Degrees between two faces from which the edge between them is sharp."""
 LEAST_AGREEMENT = 0.05
-"""A face's normals all have so much along its own, or all against it: else their mixture could
-vanish, or lie in the face, where the frame around it has no direction left to begin with."""
+"""A face's normals all have at least this much along its own, or all against it: otherwise their
+mixture could vanish, or lie in the face, where the frame around it has no direction to start
+from."""
 MOST_NEIGHBOURS = 512
 """Faces around one point; where there are more, each has its own normal."""
 
@@ -26,8 +27,8 @@ def split_normals(
     """Old index of each new vertex, faces of new vertices, and these vertices' unit normals.
 
     Args:
-        given: the file's normals, or None.  They are kept save on faces on which one is no unit
-            vector, or on which they do not all clearly look to one side of the face.
+        given: the file's normals, or None.  They are kept except on faces where one is not a unit
+            vector, or where they do not all clearly point to one side of the face.
     """
     corners = np.zeros((len(faces), 3, 3))
     bad = np.ones(len(faces), bool)
@@ -49,7 +50,7 @@ def creased_normals(
     """At each corner the mean normal of the faces there that are within :data:`CREASE` of its own.
 
     Weighted by the faces' angles (Thürmer and Wüthrich 1998).  Each mean holds the face's own
-    normal and nothing far from it, so that it never vanishes, on thin double sheets neither.
+    normal and nothing far from it, so that it never vanishes, not even on thin double sheets.
     """
     crosses = face_crosses(vertices, faces)
     own = crosses / np.maximum(np.linalg.norm(crosses, axis=1, keepdims=True), 1e-300)
@@ -61,7 +62,7 @@ def creased_normals(
     weighted = own[face] * _angles(vertices[faces]).ravel()[:, None]
     means = own[face]
     for size in np.unique(sizes[(sizes > 1) & (sizes <= MOST_NEIGHBOURS)]):
-        # All points with as many faces at once, in portions that fit into memory.
+        # All points with equally many faces at once, in portions that fit into memory.
         groups = starts[sizes == size][:, None] + np.arange(size)
         for some in np.array_split(groups, max(1, len(groups) * int(size) ** 2 // 4_000_000)):
             corner = order[some]

@@ -27,7 +27,7 @@ class _Faces:
 
     sizes: list[int] = field(default_factory=list)
     corners: list[tuple[int, int, int]] = field(default_factory=list)
-    """Places of vertex, texture coordinate and normal; -1 where there is none."""
+    """Indices of vertex, texture coordinate and normal; -1 where there is none."""
     groups: set[str] = field(default_factory=set)
     """Names of the objects and groups that they come from."""
 
@@ -42,10 +42,10 @@ class _Content:
 
 
 def read_obj(data: bytes, name: str, read: Callable[[str], bytes]) -> trimesh.Scene:
-    """All faces as triangles; a surface is called as its material, or as its object where alone.
+    """All faces as triangles; a surface is named after its material, or object where alone.
 
     ``read`` gives the bytes of a file that is named; one that is missing (OSError) is done without.
-    Raises ValueError with the line of what is no OBJ.
+    Raises ValueError with the number of a line that is not valid.
     """
     content = _parse(decode_names(data))
     materials: dict[str, trimesh.visual.material.SimpleMaterial] = {}
@@ -114,7 +114,7 @@ def _numbers(words: Names, width: int) -> list[float]:
 
 
 def _corner(word: str, content: _Content) -> tuple[int, int, int]:
-    """Places in the lists; numbers in the file start at 1, or at -1 from the end."""
+    """Indices into the lists; numbers in the file start at 1, or at -1 from the end."""
     parts = [*word.split("/"), "", ""]
     lists = (content.vertices, content.uvs, content.normals)
     places = []
@@ -134,7 +134,7 @@ def _mesh(
     uvs: Float[np.ndarray, "uvs 2"],
     normals: Float[np.ndarray, "normals 3"],
 ) -> trimesh.Trimesh:
-    """A vertex for each mixture of place, texture coordinate and normal; UVs in its metadata."""
+    """A vertex per combination of place, texture coordinate and normal; UVs in its metadata."""
     corners = np.array(faces.corners, np.int64)
     for column, values in enumerate((vertices, uvs, normals)):
         if corners[:, column].max() >= len(values):
@@ -149,7 +149,7 @@ def _mesh(
     )
     v, t, n = corners[first].T
     given = None
-    if (n >= 0).any():  # where there is none the normal is made, as where it is no unit vector
+    if (n >= 0).any():  # missing ones are made, as are those that are not unit vectors
         given = np.where(n[:, None] >= 0, normals[n], 0.0)
     mesh = trimesh.Trimesh(vertices[v], joined[triangles], vertex_normals=given, process=False)
     mesh.metadata["uvs"] = uvs[t] if (t >= 0).all() else None

@@ -44,7 +44,7 @@ class Piece:
     groups: tuple[str, ...] = ()
     """Names of the file's objects that it was put together from, where that is known."""
     picture: Image.Image | None = None
-    """The file's own, of the base color."""
+    """The file's own picture of the base color."""
 
     @property
     def triangles(self) -> Float[np.ndarray, "faces 3 3"]:
@@ -58,7 +58,7 @@ class Piece:
 
 
 def read_pieces(section: VehicleSection, base: Path) -> list[Piece]:
-    """The pieces of a vehicle's mesh, each of the material that the section makes of it.
+    """The pieces of a vehicle's mesh, each with the material that the section gives it.
 
     Raises MeshError where the file is missing, unreadable or without triangles.
     """
@@ -73,7 +73,7 @@ def read_pieces(section: VehicleSection, base: Path) -> list[Piece]:
 
 
 def as_made_of(pieces: Sequence[Piece], section: VehicleSection) -> list[Piece]:
-    """The pieces, each of the material that the section makes of it."""
+    """The pieces, each with the material that the section gives it."""
     kinds = material_kinds(dict.fromkeys(p.material for p in pieces), section.materials)
     return [replace(piece, kind=kinds[piece.material]) for piece in pieces]
 
@@ -101,9 +101,9 @@ def _piece(node: str, scene: trimesh.Scene) -> Piece:
 
 
 def paint_picture(pieces: Sequence[Piece]) -> Image.Image | None:
-    """The one picture of the file that all painted pieces wear; None where there is none, or more.
+    """The one picture of the file that all painted pieces wear; None without one, or with more.
 
-    One that cannot be decoded is none.
+    One that cannot be decoded does not count.
     """
     pictures = {_name(piece.picture): piece.picture for piece in pieces if piece.kind == "paint"}
     picture = next(iter(pictures.values())) if len(pictures) == 1 else None
@@ -118,7 +118,7 @@ def _name(picture: Image.Image | None) -> object:
 
 
 def sound(pieces: Sequence[Piece]) -> list[Piece]:
-    """The pieces without triangles that have no area or a corner that is no number."""
+    """The pieces without triangles that have no area or a corner that is not a number."""
     kept = (replace(piece, faces=piece.faces[piece.areas > 0]) for piece in pieces)
     return [piece for piece in kept if len(piece.faces)]
 
@@ -126,7 +126,7 @@ def sound(pieces: Sequence[Piece]) -> list[Piece]:
 def turned(pieces: Sequence[Piece], section: VehicleSection) -> list[Piece]:
     """The pieces in our axes and metres, as the section reads them; the ground stays where it is.
 
-    Raises MeshError where the section's up and front are no two axes.
+    Raises MeshError where the section's up and front are not two different axes.
     """
     rotation = to_our_axes(Path(section.mesh), section.up, section.front)
     return [

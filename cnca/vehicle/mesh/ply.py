@@ -24,7 +24,7 @@ KINDS = {
 ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 CORNERS = ("vertex_indices", "vertex_index")
 COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
-"""Names of a vertex' texture coordinates; a face's are its list ``texcoord``."""
+"""Names of a vertex's texture coordinates; a face's are its list ``texcoord``."""
 PICTURE = "comment TextureFile "
 
 Row = dict[str, np.ndarray]
@@ -38,17 +38,17 @@ class _Element:
     name: str
     count: int
     properties: list[tuple[str, str, str]] = field(default_factory=list)
-    """Name, kind of number, and kind of a list's length: empty for what is no list."""
+    """Name, kind of number, and kind of a list's length: empty where there is no list."""
 
 
 @dataclass
 class _Header:
     order: str
-    """Of bytes; empty for text."""
+    """Order of the bytes; empty for text."""
     size: int
     elements: list[_Element]
     picture: str
-    """Of the base color; empty where there is none."""
+    """Picture of the base color; empty where there is none."""
 
 
 class _Source(Protocol):
@@ -62,7 +62,7 @@ class _Source(Protocol):
 def read_ply(data: bytes, read: Callable[[str], bytes]) -> trimesh.Trimesh:
     """All faces as triangles; ``read`` gives the bytes of a picture that is named.
 
-    Raises ValueError, KeyError or IndexError for what is no PLY.
+    Raises ValueError, KeyError or IndexError for what is not a PLY file.
     """
     header = _header(data)
     body = data[header.size :]

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles that cover what they cover, whether convex or not."""
+"""Polygons, convex or not, cut into triangles that cover the same area."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def triangles_of(
 ) -> Int[np.ndarray, "triangles 3"]:
     """Corners of the triangles of all polygons, one after the other.
 
-    ``sizes`` are their numbers of corners, of which those below three make none; ``points`` are
+    ``sizes`` are the polygons' numbers of corners: fewer than three make none; ``points`` are
     where the corners lie.
     """
     starts = np.cumsum(sizes) - sizes
@@ -27,8 +27,8 @@ def triangulate(points: Float[np.ndarray, "corners 3"]) -> Int[np.ndarray, "tria
     """Corners of the triangles of a polygon, which run around as the polygon does.
 
     A convex polygon becomes the fan of its first corner; any other one is cut by its ears (Meisters
-    1975, as in Mapbox' earcut) in the plane of its Newell normal.  A polygon without area, or one
-    with a corner that is no number, is taken as a fan.
+    1975, as in Mapbox's earcut) in the plane of its Newell normal.  A polygon without area, or one
+    with a corner that is not a number, is taken as a fan.
     """
     fan = np.array([(0, i, i + 1) for i in range(1, len(points) - 1)], np.int64).reshape(-1, 3)
     if len(points) == 3:

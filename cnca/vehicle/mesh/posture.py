@@ -18,14 +18,14 @@ from cnca.vehicle.mesh.sight import sample_surface
 
 POINTS = 6000
 MORE_ALIKE = 1.5
-"""So many times nearer to its mirror image a shape is across its middle plane than else."""
+"""How many times nearer to its mirror image a car is from left to right than in other ways."""
 ROOF = 0.8
 """Share of the height above which there is only the roof."""
 MIDDLE = 0.52
 """Where the roof's middle lies at most, from tail (0) to nose (1): five built-in cars, the E-Tron
 and the glTF vehicle have it at 0.35 to 0.49."""
 WIDENED = 1.2
-"""So many times longer than its lowest quarter a car's highest one is only upside down."""
+"""A car whose highest quarter is this many times longer than its lowest one is upside down."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Which triangles of a vehicle are seen from outside, and from which side of theirs."""
+"""Which triangles of a vehicle are seen from outside, and from which of their sides."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from cnca.vehicle.mesh.pieces import Piece
 from cnca.vehicle.mesh.surface import face_crosses
 
 CELLS = 100
-"""Per length of the vehicle."""
+"""Cells per length of the vehicle."""
 SAMPLES = 200_000
 DIRECTIONS = ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1))
-"""Axis and sign from where one looks: nose, tail, both sides, above."""
+"""Axis and sign of where the vehicle is seen from: nose, tail, both sides, above."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """Points on the vehicle that are seen, about as many per area of what is seen."""
+    """Points on the vehicle that are seen, about equally many per area of what is seen."""
 
     piece: Int[np.ndarray, " points"]
     face: Int[np.ndarray, " points"]
-    """Within its piece."""
+    """Index within its piece."""
     back: Bool[np.ndarray, " points"]
     """Whether the triangle is seen from behind."""
 
@@ -34,7 +34,7 @@ class Sight:
 
 
 def look_around(pieces: Sequence[Piece]) -> Sight:
-    """Of points on the surface those are seen that are foremost in their cell of a grid.
+    """The points on the surface that are seen: the foremost ones in their cell of a grid.
 
     The pieces are in our axes.
     """

@@ -12,9 +12,9 @@ LONGEST = 18.75
 """Metres: the longest road vehicle (European directive 96/53/EC, annex I)."""
 SHORTEST = 2.0
 WIDTH, HEIGHT = (0.8, 3.2), (0.8, 4.5)
-"""Metres: of road vehicles, mirrors and what a truck carries included."""
+"""Metres, of road vehicles, including mirrors and what a truck carries."""
 USUAL_LENGTH = {"bus": 12.0, "truck": 8.0}
-"""Metres, of all else that of a car."""
+"""Metres; all else has the length of a car."""
 USUAL_CAR = 4.5
 UNITS = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 
@@ -38,10 +38,10 @@ def is_long_vehicle(size: Size) -> bool:
 
 
 def guess_scale(size: Size, label: str) -> tuple[float, str]:
-    """Metres per unit of a file, and the unit's name, for a vehicle so many units large.
+    """Metres per unit of a file, and the unit's name, for a vehicle of ``size`` in units.
 
     Units that make a car of it come first, then those that make a bus or truck; where there is
-    none, a vehicle of the usual length of what ``label`` says.
+    none, the scale that gives the vehicle the usual length of what ``label`` says.
     """
     usual = USUAL_LENGTH.get(label, USUAL_CAR)
     for fits in (is_car, is_long_vehicle):

@@ -63,7 +63,7 @@ class Surface:
         count = inside[self.faces].sum(axis=1)
         tip, left, right = _alone_first(self.faces[(count == 1) | (count == 2)], inside).T
 
-        # Neighbours share the new vertex on their common edge.
+        # Neighbors share the new vertex on their common edge.
         edges = np.sort(np.stack([np.append(tip, tip), np.append(left, right)], axis=1), axis=1)
         keys, index = np.unique(edges, axis=0, return_inverse=True)
         a, b = keys.T

@@ -15,7 +15,7 @@ from cnca.vehicle.model import Part, Vehicle
 def write_obj(path: str | Path, vehicle: Vehicle) -> None:
     """Write all parts with normals, texture coordinates and material names; whole or not at all.
 
-    Scenes read the file back with ``up: z``.  Raises MeshError for another ending than .obj.
+    Scenes read the file back with ``up: z``.  Raises MeshError for an ending other than .obj.
     """
     path = Path(path)
     if path.suffix.lower() != ".obj":

@@ -63,7 +63,7 @@ def paint_atlas(paint: Surface, ceiling: float) -> tuple[Surface, Float[np.ndarr
 
 
 def _cut(paint: Surface, ceiling: float) -> dict[Chart, Surface]:
-    """Each chart gets the faces that look along its normal; seams run where two are equal."""
+    """Each chart gets the faces that look along its normal; seams run where two do so equally."""
     nose, rest = paint.split(np.maximum(-_facing(paint, 0), paint.z - ceiling))
     tail, rest = rest.split(np.maximum(-_facing(rest, 0, -1), rest.z - ceiling))
     top, sides = rest.split(np.abs(rest.normals[:, 1]) - np.abs(rest.normals[:, 2]))

@@ -1,6 +1,6 @@
 """The painted outside as flat panels of true size: what is cut out of paper to cover a model.
 
-A panel is what hangs together of one side of the car.  It is laid flat as rigidly as possible
+A panel is a connected piece of one side of the car.  It is laid flat as rigidly as possible
 (Liu, Zhang, Xu, Gotsman and Gortler, "A Local/Global Approach to Mesh Parameterization", 2008,
 ARAP), from its projection onto the side; what is curved both ways must stretch a little.
 """
@@ -37,7 +37,7 @@ class Panel:
     name: str
     """Its side and a number, the largest first, such as "left 1"."""
     faces: Int[np.ndarray, " faces"]
-    """Of the vehicle's :class:`Skin`."""
+    """Indices into the vehicle's :class:`Skin`."""
     corners: Corners2
     """The lowest u and v are 0."""
     stretch: float
@@ -121,7 +121,7 @@ def flatten(
 def _connected(
     vertices: Float[np.ndarray, "vertices 3"], faces: Int[np.ndarray, "faces 3"]
 ) -> list[Int[np.ndarray, " some"]]:
-    """Indices of the faces of each piece whose faces share places."""
+    """Indices of the faces of each piece that is connected by shared places."""
     places = np.unique((vertices[faces] * 1e5).round().reshape(-1, 3), axis=0, return_inverse=True)
     corners = places[1].reshape(-1, 3)
     i, j = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
@@ -142,7 +142,7 @@ def _own_planes(triangles: Float[np.ndarray, "faces 3 3"]) -> Corners2:
 
 
 def _cotangents(own: Corners2) -> Float[np.ndarray, "faces 3"]:
-    """Of each corner's angle, within bounds."""
+    """The cotangent of each corner's angle, within bounds."""
     a, b = own[:, [1, 2, 0]] - own, own[:, [2, 0, 1]] - own
     cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     cotangents = (a * b).sum(axis=2) / np.maximum(np.abs(cross), 1e-12)

@@ -32,7 +32,7 @@ class Layout:
     """Pieces that are connected in the texture."""
     seam_length: float
     """Metres of chart borders next to which (within 2 cm) the car goes on elsewhere in the
-    texture; gaps between panels that lie side by side are none."""
+    texture; gaps between panels that lie side by side do not count."""
     stretch: float
     """L² stretch of Sander et al. 2001 over its smallest value for the same areas; 1 is none."""
     density_spread: float
@@ -82,7 +82,7 @@ def seam_length(
 def corner_keys(
     triangles: Float[np.ndarray, "faces 3 3"], corners: Float[np.ndarray, "faces 3 2"]
 ) -> Int[np.ndarray, "faces 3"]:
-    """The same number where place on the car (to 10 µm) and in the texture (to 10⁻⁶) agree."""
+    """The same number where the places on the car (to 10 µm) and in the texture (to 10⁻⁶) agree."""
     keys = np.column_stack(
         [(triangles * 1e5).round().reshape(-1, 3), (corners * 1e6).round().reshape(-1, 2)]
     )

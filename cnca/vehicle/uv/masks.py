@@ -43,7 +43,7 @@ def paint_mask(vehicle: Vehicle, size: int, padding: int = 2) -> Bool[np.ndarray
                 f"{vehicle.name}: painted part '{part.name}' has no texture coordinates; "
                 "give it an atlas"
             )
-        # A texel's centre has whole-numbered coordinates for OpenCV, half-numbered ones in UV.
+        # A texel's centre has integer coordinates in OpenCV, half-integer ones in UV.
         corners = part.uvs * (size, -size) + (-0.5, size - 0.5)
         fixed = np.rint(corners * 2**SUBTEXEL_BITS).astype(np.int32)
         for triangle in fixed[part.faces]:

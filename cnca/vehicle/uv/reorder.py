@@ -1,7 +1,7 @@
 """A new UV layout in which the painted outside of a vehicle lies connected (paper, appendix).
 
 What can be seen from outside is unfolded around the top; all else (inner sides, glass and wheels
-that share the texture) is cut into charts by xatlas and put into the free room below.
+that share the texture) is cut into charts by xatlas and put into the free space below.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Reordered:
 def reorder(vehicle: Vehicle, painted: Bool[np.ndarray, " faces"] | None = None) -> Reordered:
     """Lay the paint out anew; shapes, normals and the order of faces stay.
 
-    Of several weights against shear the one with the shortest seams is taken.
+    Of several weights against shear, the one with the shortest seams is taken.
 
     Args:
         painted: faces that the camouflage will cover, where a mask says so; None for all.

@@ -1,9 +1,9 @@
 """What lies where on the vehicle's texture, and textures of other kinds drawn onto it.
 
 A pattern that repeats is projected as DTA and ACTIVE do it (the world-aligned texture of the Unreal
-Engine, triplanar mapping): each point of the paint takes the pattern from that of the three planes
-of the vehicle's axes which its normal faces most.  Unreal blends the planes near 45°; here the
-borders are sharp.  Colors for each face are those of FCA, drawn by Kato's neural renderer.
+Engine, triplanar mapping): each point of the paint takes the pattern from the one of the three
+planes of the vehicle's axes that its normal faces most.  Unreal blends the planes near 45°; here
+the borders are sharp.  Colors for each face are those of FCA, drawn by Kato's neural renderer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PLANES = ((1, 2), (0, 2), (0, 1))
 
 @dataclass(frozen=True)
 class Texels:
-    """The point of the vehicle that each texel shows; off the charts that of the nearest one on."""
+    """The point of the vehicle that each texel shows; off charts, that of the nearest on one."""
 
     face: Int[np.ndarray, "size size"]
     """Number of the triangle among those of all painted parts, in the mesh file's order."""
@@ -74,7 +74,7 @@ def project_pattern(texels: Texels, pattern: SrgbArray, side: float) -> SrgbArra
 
     Its columns run along +y where the paint faces forwards or backwards, else along +x; its rows
     run down along z, on the roof and the floor along y.  One corner is at the vehicle's origin, on
-    the ground below its middle.  It is drawn the same on both sides, so that writing reads rightly
+    the ground below its middle.  It is drawn the same on both sides, so that writing reads right
     on one of them.  Raises TextureError for a pattern that is not square or a side not above 0.
     """
     height, width = pattern.shape[:2]
@@ -130,7 +130,7 @@ def _texture_corners(part: Part) -> Float[np.ndarray, "faces 3 2"]:
 def _barycentric(
     corners: Float[np.ndarray, "*texels 3 2"], points: Float[np.ndarray, "*texels 2"]
 ) -> Float[np.ndarray, "*texels 3"]:
-    """Of points in or just outside their triangles; outside, moved onto the border."""
+    """Barycentric coordinates of points; those just outside are moved onto the border."""
     parts = []
     for k in range(3):
         triangle = corners.copy()
@@ -141,7 +141,7 @@ def _barycentric(
 
 
 def _doubled_area(triangles: Float[np.ndarray, "*n 3 2"]) -> Float[np.ndarray, "*n"]:
-    """With a sign that tells the sense of rotation."""
+    """Twice the area, with a sign that tells the sense of rotation."""
     first, second = (triangles[..., k, :] - triangles[..., 0, :] for k in (1, 2))
     return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
 

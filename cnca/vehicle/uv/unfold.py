@@ -24,7 +24,7 @@ from cnca.vehicle.mesh.surface import face_crosses
 Corners2 = Float[np.ndarray, "faces 3 2"]
 
 REACH = 0.12
-"""Metres around a face whose orientation it shares: door gaps are no sides of their own."""
+"""Metres around a face whose orientation it shares: door gaps are not sides of their own."""
 GRAZING = 0.3
 """Cosine under which a face is too steep for its side: hidden edges and undersides."""
 CELL = 0.01
@@ -34,7 +34,7 @@ SAME_LAYER = 0.015
 MEET = 0.03
 """Most metres on the car between two charts that continue each other."""
 SPACE = 0.05
-"""Metres between them in the atlas."""
+"""Metres between charts in the atlas."""
 CORNER = 0.5
 """Metres inside the outermost place where two charts meet that still belongs to their edge."""
 KNOT = 0.05
@@ -49,7 +49,7 @@ INSIDE = np.array([[2, 2, 2], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 """Points of a triangle at which it is looked at, in barycentric coordinates."""
 
 MANY_INSIDE = np.array([(i, j, 24 - i - j) for i in range(1, 23) for j in range(1, 24 - i)]) / 24
-"""More of them, away from the edges."""
+"""More such points, away from the edges."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _attach(
     """Shift the chart of side ``index``, a little sheared, to continue the top where both meet.
 
     Where they meet on the car is seen from corners less than :data:`MEET` apart.  The shift is a
-    piecewise linear function g of the coordinate along the common edge: it minimises
+    piecewise linear function g of the coordinate along the common edge: it minimizes
     Σ (g − wanted)² + shear · ∫ g′², and its slope stays below :data:`STEEPEST`.
     """
     side, direction = SIDES[index], APPROACH[index]
@@ -234,7 +234,7 @@ def _stacked(
 ) -> Bool[np.ndarray, " faces"]:
     """Which of the large ``chosen`` faces share texels with others that are ``placed``.
 
-    Of two that do the one behind goes: on coarse meshes a wheel stands before a whole side.
+    Of two that do, the one behind goes: on coarse meshes a wheel lies in front of a whole side.
     """
     stacked = np.zeros(len(flat), bool)
     area = np.abs(np.linalg.det(flat[:, 1:] - flat[:, :1])) / 2

@@ -25,7 +25,7 @@ class UvUse:
     """Texture coordinates of the painted pieces; shares are those of the paint that is seen."""
 
     missing: list[str]
-    """Pieces without, or with some that are no numbers."""
+    """Pieces without any, or with some that are not numbers."""
     outside: list[str]
     """Pieces that leave [0, 1]."""
     span: str
@@ -81,7 +81,7 @@ def measure_uvs(
 
 
 def skin_with_uvs(painted: Sequence[Piece]) -> Skin | None:
-    """All painted triangles that have finite texture coordinates; None where none has."""
+    """All painted triangles that have finite texture coordinates; None where no triangle has."""
     pieces = [piece for piece in painted if _has_uvs(piece)]
     if not pieces:
         return None
@@ -94,7 +94,7 @@ def skin_with_uvs(painted: Sequence[Piece]) -> Skin | None:
 
 
 def overlaps(skin: Skin, size: int) -> Bool[np.ndarray, "size size"]:
-    """Texels of a ``size``² texture that two faces show which do not touch each other."""
+    """Texels of a ``size``² texture that are shown by two faces that do not touch."""
     corners = skin.corners
     last, first = face_of_texels(corners, size), face_of_texels(corners[::-1], size)
     first = np.where(first >= 0, len(corners) - 1 - first, -1)
