@@ -22,7 +22,7 @@ from cnca.world.draw import draw_blocks
 VALIDATION_SEED = 7_919
 """Added to a run's seed for the views of the checks."""
 WEATHERS, VIEWS = 4, 3
-"""How many weathers a check looks at, and views in each."""
+"""How many weathers a check looks at, and how many views in each."""
 
 
 @dataclass
@@ -37,7 +37,7 @@ class Best:
     """Checks since then."""
 
     def offer(self, latents: Latents, loss: float, step: int) -> None:
-        """Keep these latents if they are the best so far; raises NonFiniteError for no number."""
+        """Keep these latents if they are the best so far; raises NonFiniteError for NaN or ∞."""
         if not math.isfinite(loss):
             raise NonFiniteError(
                 f"check after step {step}: the loss is not finite; --resume tries it again"
@@ -49,7 +49,7 @@ class Best:
             self.misses += 1
 
     def exhausted(self, patience: int) -> bool:
-        """Whether that many checks in a row brought nothing; never where ``patience`` is 0."""
+        """Whether that many checks in a row brought no gain; never where ``patience`` is 0."""
         return 0 < patience <= self.misses
 
 
@@ -71,7 +71,7 @@ class Validation:
 
     @torch.no_grad()
     def look_at(self, texture: SrgbTexture) -> Readings:
-        """The same of a texture."""
+        """What the targets see of a texture."""
         attack = self.attack
         albedo = attack.paint.apply(texture)
         seen = torch.zeros(2, len(attack.targets))

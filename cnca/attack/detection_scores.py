@@ -11,7 +11,7 @@ from cnca.core.types import Boxes, Candidates
 
 
 def check_full_overlap(full_overlap: float) -> None:
-    """Raise RunError where the IoU from which a box counts in full is none."""
+    """Raise RunError unless the IoU from which a box counts in full is a valid one."""
     if not 0 < full_overlap <= 1:
         raise RunError(f"full_overlap is {full_overlap}: an IoU lies in (0, 1]")
 

@@ -17,7 +17,7 @@ from cnca.core.types import Boxes, SrgbImages
 from cnca.scene.cameras import View
 
 SHIFT, SCALE = 0.05, 0.1
-"""Most that a picture is shifted, in parts of its side (16 of 320 pixels), and scaled by."""
+"""The most that a picture is shifted, as a share of its side (16 of 320 pixels), or scaled."""
 
 
 def jittered(

@@ -180,5 +180,5 @@ class Clock:
         self._parts[name] = time.perf_counter() - started
 
     def seconds(self) -> dict[str, float]:
-        """By name, those of each part and, as ``total``, those since the clock was made."""
+        """Seconds of each part by name and, as ``total``, those since the clock was made."""
         return self._parts | {"total": time.perf_counter() - self._started}

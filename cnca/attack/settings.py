@@ -1,4 +1,4 @@
-"""What an attack is to do; plain data, so that the command line makes its flags of it at once."""
+"""What an attack is to do; plain data, so that the command line makes its flags from it at once."""
 
 from __future__ import annotations
 

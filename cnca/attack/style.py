@@ -1,4 +1,4 @@
-"""A style term: what a texture costs that fits its prompt less than it did without an attack."""
+"""A style term: what a texture costs when it fits its prompt less than one without an attack."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cnca.core.types import SrgbImages, SrgbTexture
 from cnca.gen.scorer import PromptScorer
 
 MARGIN = 0.03
-"""Loss of the prompt score, a cosine, that costs nothing."""
+"""Drop of the prompt score, a cosine, that costs nothing."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@
 
 The bound is κ of the paper's equation 13, around what a texture without an attack is made of: 0 for
 F_adv, the seed's white noise for the noises.  These are kept white in another way as well: each
-channel is standardised at each use, and low frequencies cost (:mod:`cnca.gen.noise`).
+channel is standardized at each use, and low frequencies cost (:mod:`cnca.gen.noise`).
 """
 
 from __future__ import annotations
@@ -129,6 +129,6 @@ def start(generator: TextureGenerator, settings: Settings) -> Variables:
         by_name["feature"] = Variable(project(feature, tau).requires_grad_(), before.feature, tau)
     if before.noises is not None:
         tau = settings.bound(NOISE)
-        project(torch.zeros(()), tau)  # a bound that is none is told at the start
+        project(torch.zeros(()), tau)  # an invalid bound is reported at the start
         by_name["noises"] = Variable(before.noises.clone().requires_grad_(), before.noises, tau)
     return Variables(by_name)

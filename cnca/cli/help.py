@@ -37,7 +37,7 @@ class Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the command line.
 
-        Raises RunError for a flag that there is not, or that is given twice though only the last
+        Raises RunError for a flag that does not exist, or that is given twice though only the last
         could count.
         """
         known = {name for flag in self.params for name in (*flag.opts, *flag.secondary_opts)}
@@ -145,7 +145,7 @@ def _introduce(command: TyperCommand | TyperGroup, usage: str, console: Console)
 
 
 def _print_examples(command: TyperCommand | TyperGroup, console: Console) -> None:
-    """In lines as long as they are, so that they can be copied."""
+    """Without wrapping lines, so that they can be copied."""
     if command.epilog:
         console.print(f"\n{command.epilog}", soft_wrap=True, markup=False)
 

@@ -58,7 +58,7 @@ class Given(Generic[Record]):
         return _fill(self._kind, {**self._values, **more})
 
     def said(self, name: str) -> bool:
-        """Whether the command line or its run file said a field, be it its default."""
+        """Whether the command line or its run file gave a field, even if with its default."""
         return name in self._said
 
     def asks_for(self, *names: str) -> bool:

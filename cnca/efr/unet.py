@@ -18,7 +18,7 @@ nothing of k; there a prior pulls k̂ to 1.
 
 Also ours: the paper masks the vehicle out before and adds the background after; here all pictures
 show the same background: what is equal in them stays as it is, and the network works on the part of
-the picture around the rest.
+the picture where they differ.
 """
 
 from __future__ import annotations

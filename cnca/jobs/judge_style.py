@@ -49,7 +49,7 @@ def judge_style(
     A prompt that a run asked for, and that is not among ``prompts``, is put beside them.
 
     Raises:
-        GeneratorError: a prompt without a pattern that the judge knows, or less than two prompts.
+        GeneratorError: a prompt without a pattern that the judge knows, or fewer than two prompts.
         TextureError: a texture that cannot be read.
     """
     candidates = parse_candidates(textures)

@@ -67,7 +67,7 @@ def render_scene(request: RenderRequest) -> list[RenderRecord]:
         The records, one per view.
     """
     out, texture, seed = request.out, request.texture, request.seed
-    demand = _demand(request)  # first, since what is misspelt there is refused at once
+    demand = _demand(request)  # first, since a misspelled name is refused at once
     scene = load_scene(request.scene)
     views = choose_views(scene, request.view, every=request.all_views)
     vehicle = build.build_vehicle(scene)
@@ -105,7 +105,7 @@ def render_scene(request: RenderRequest) -> list[RenderRecord]:
 
 
 def _demand(request: RenderRequest) -> Demand:
-    """Which effects to render how; raises CncaError for an effect or model that there is not."""
+    """Which effects to render how; raises CncaError for an effect or model that does not exist."""
     forced: dict[str, Model] = {"gradient": "off"}
     if request.samples is not None:
         forced["samples"] = request.samples

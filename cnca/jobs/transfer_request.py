@@ -29,6 +29,6 @@ class Judging:
     seeds: Annotated[int, Flag("Attacks on each detector, from --seed on.", COST)] = 1
 
     def __post_init__(self) -> None:
-        """Raises RunError for a number of seeds that is none."""
+        """Raises RunError for a number of seeds below 1."""
         if self.seeds < 1:
             raise RunError(f"--seeds {self.seeds}: attack each detector at least once")

@@ -127,7 +127,7 @@ def _steps(records: Sequence[StepRecord]) -> list[Prose]:
 
 
 def _seconds(records: Sequence[StepRecord]) -> str:
-    """What the parts of a step take, as Markdown; the first step compiles and stands apart."""
+    """Seconds of the parts of a step, as Markdown; the first step compiles and stands apart."""
     first, later = records[0], records[1:] or records
     total = np.array([record.seconds_total for record in later])
     names = dict.fromkeys(name for record in records for name in record.seconds)

@@ -27,7 +27,7 @@ PICTURES = {
 
 @dataclass(frozen=True)
 class Pictured:
-    """What of an evaluation's numbers leads to its pictures."""
+    """Those of an evaluation's results that lead to its pictures."""
 
     rows: Sequence[str]
     scenes: Sequence[str] = ()

@@ -72,7 +72,7 @@ def column_titles(label: str) -> dict[str, str]:
 
 
 def headlines(results: Evidence) -> list[str]:
-    """For each candidate one sentence: which controls it beats in total, and which not."""
+    """For each candidate one sentence: which controls it beats in total, and which it does not."""
     sentences = []
     for candidate in results.candidates:
         compared = [

@@ -57,7 +57,7 @@ class Trained:
 
 
 class StyleJudgeTask(Task[Labelled]):
-    """Learns patterns by cross entropy and color words by one of each."""
+    """Learns patterns by cross entropy and color words by one cross entropy for each."""
 
     name = "style-judge"
     network: StyleJudge

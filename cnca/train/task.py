@@ -60,7 +60,7 @@ class Task(ABC, Generic[Batch]):
 
     @abstractmethod
     def losses(self, batch: Batch, rng: torch.Generator) -> dict[str, Tensor]:
-        """Scalars by name; their sum is minimised."""
+        """Scalars by name; their sum is minimized."""
 
     def metrics(self) -> dict[str, float]:
         """How good the network is, quickly measured at every checkpoint; empty by default."""

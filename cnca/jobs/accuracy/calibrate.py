@@ -53,7 +53,7 @@ LEAST_ERROR = 1e-5
 AMONG_HOUSES = ("surroundings", "lamps")
 """Effects of a world, priced by the vehicle's pixels alone, as a loop renders them."""
 LEAST_PIXELS = 50
-"""Of the vehicle, or too much of it is hidden for the case to tell anything."""
+"""Of the vehicle; with fewer, too much of it is hidden for the case to tell anything."""
 
 
 class Studio:
@@ -109,7 +109,7 @@ def demand(samples: int, **forced: Model) -> Demand:
 def measure(case: Case, only: str | None = None) -> CaseRecord:
     """Errors, noise and processor seconds of all models that the case can tell apart.
 
-    With the name of an effect, the errors of its models alone.
+    With the name of an effect, only the errors of its models.
     """
     studio = Studio(case, vehicle_only=only in AMONG_HOUSES)
     full = demand(SAMPLES)

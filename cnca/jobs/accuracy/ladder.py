@@ -50,7 +50,7 @@ TARGETS = (0.01, 0.02, 0.05, 0.10)
 REPEATS = 3
 """Renders of each rung."""
 REFERENCE_SHARE = 0.4
-"""Most of the budget that the reference takes."""
+"""The largest share of the budget that the reference takes."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def _by_rays(bench: Bench) -> list[tuple[Rung, float]]:
     for rung in ladder():
         plan = bench.plan(rung.demand)
         key = (tuple(plan.models.items()), rung.scale, rung.target)
-        # Without fog there is none to leave out: the usual models stand for that rung.
+        # Without fog, no fog can be left out: the usual models stand for that rung.
         different.setdefault(key, (rung, plan.samples * rung.scale**2))
     return sorted(different.values(), key=lambda pair: pair[1])
 

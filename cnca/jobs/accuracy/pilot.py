@@ -55,7 +55,7 @@ class Trial:
 
     @property
     def bias(self) -> float:
-        """That it hardly exceeds."""
+        """An upper bound that it hardly exceeds."""
         return float(np.sqrt(max(self.bias_square, 0.0) + self.bias_square_error))
 
 

@@ -77,7 +77,7 @@ def random_case(seed: int, effect: str | None = None, folder: Path | None = None
 
 
 def _view(azimuth: float, elevation: float, distance: float) -> View:
-    """The vehicle from there, as large as from everywhere."""
+    """The vehicle from there, equally large from everywhere."""
     fov = float(np.degrees(2 * np.arctan(3 / distance)))
     return orbit_view(azimuth, elevation, distance, fov=fov, width=SIZE, height=SIZE)
 

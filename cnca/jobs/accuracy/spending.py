@@ -1,10 +1,10 @@
 """Where the next rays of a picture go: to the vehicle first, and there to where the noise is.
 
-So many steps n of each pixel as make the mean of v / n as small as is wanted, with the fewest rays,
+The steps n of each pixel that make the mean of v / n as small as is wanted, with the fewest rays,
 are proportional to √v (Neyman 1934), v the variance of one step.  A few rays know it badly, and a
 pixel that has met no bright path yet looks quiet: v is the mean of what its neighborhood and all
-pixels say.  By its own noise a pixel would end where its streams agree by chance, and what they say
-of the error afterwards would be 15 % too small.
+pixels say.  Judged by its own noise alone, a pixel would end where its streams agree by chance, and
+what they say of the error afterwards would be 15 % too small.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def variance(
 def wanted(
     v: Squares, steps: Int[np.ndarray, " pixels"], goal: float
 ) -> Float[np.ndarray, " pixels"]:
-    """Steps in all that bring mean(v / steps) down to the goal; none are taken back."""
+    """Total steps that bring mean(v / steps) down to the goal; none are taken back."""
     low, high = 0.0, float(np.sqrt(v).mean() / goal + steps.max() / max(np.sqrt(v).min(), 1e-12))
     for _ in range(60):
         middle = (low + high) / 2

@@ -75,7 +75,7 @@ class Scenery:
         return replace(chosen, demand=Demand(target, forced=self.forced))
 
     def draw(self, models: Models, rays: int) -> Draw:
-        """What draws pixels, so many rays of each."""
+        """What draws pixels, with so many rays for each."""
         demand = self._demand(models, rays)
 
         @torch.no_grad()
@@ -209,7 +209,7 @@ def _more(
 ) -> Int[np.ndarray, " group"]:
     """Steps for a group of pixels, ``most`` in the mean.
 
-    Of much that noise ∝ 1/√n asks for the half: evenly spread rays do better than that.
+    Where noise ∝ 1/√n asks for many, half are taken: evenly spread rays do better than that.
     """
     chosen = group.ravel()
     steps = streams.steps[chosen]
@@ -228,6 +228,6 @@ def _rays(scenery: Scenery, target: float | None, prices: Prices) -> int:
 
 
 def _seeds(seed: int, use: int) -> tuple[int, int]:
-    """Of both streams; the pilot's are others than the picture's."""
+    """Of both streams; the pilot's differ from the picture's."""
     first = (seed * 4 + 2 * use + 0x2F0B4C47) & 0xFFFFFFFF
     return first, first + 1

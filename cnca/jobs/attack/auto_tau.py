@@ -42,7 +42,7 @@ class Search(Table):
 def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Console) -> Choice:
     """Bisect :data:`GRID` for the bound up to which camouflages keep the prompt score ``least``.
 
-    Takes it that the score falls as τ grows, and so about log₂ of the grid's length runs.  Of those
+    Assumes that the score falls as τ grows, and so about log₂ of the grid's length runs.  Of those
     that keep the score the strongest is chosen, by its detection score on held-out views: a larger
     τ is not always stronger.  These views thus help to choose one of at most four; quote a
     detection score from others (``cnca evaluate --seed``).  Writes ``auto_tau.json``, ``.md`` and
@@ -82,7 +82,7 @@ def auto_tau(request: Request, least: float, scorer: PromptScorer, console: Cons
 
 
 def bisect(grid: tuple[float, ...], keeps: Callable[[float], bool]) -> None:
-    """Ask ``keeps`` where it turns from true to false, taking it that it does so once."""
+    """Ask ``keeps`` where it turns from true to false, assuming that it does so once."""
     low, high = -1, len(grid)  # the last known to keep, the first known not to
     while high - low > 1:
         middle = (low + high) // 2

@@ -18,7 +18,7 @@ from cnca.core.run_folder import RunFolder
 from cnca.jobs.attack.request import JOB, Request
 
 LEAST, MOST = 8, 400
-"""Steps below which no attack comes far, and above which more bring nothing."""
+"""Steps below which no attack gets far, and above which more bring no gain."""
 ATTACKING = 0.7
 """Share of the minutes that the steps get; preparation and verdict take the rest."""
 

@@ -1,4 +1,4 @@
-"""What a run will take, from a few of its own steps and one of its held-out weathers.
+"""What a run will take, estimated from a few of its own steps and one held-out weather.
 
 Steps differ: the first compiles, the first in each weather prepares sky and fog, and the first on a
 view renders its background, which is then kept.  So four steps are measured: the first, one in a

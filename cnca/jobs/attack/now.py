@@ -33,6 +33,6 @@ class Display:
         self._due = began + (time.monotonic() - began) / SHARE
 
     def remove(self) -> None:
-        """Take both away again: the run's result has their place."""
+        """Take both away again: the run's result takes their place."""
         for name in (TEXTURE_NOW, VIEWS_NOW):
             (self.out / name).unlink(missing_ok=True)

@@ -35,7 +35,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 }
 BEST = "best"
 OF_NOISES = ("texture_size", "pattern_size")
-"""What presets say of them is for the noises of the shipped generator."""
+"""What presets say of these is meant for the noises of the shipped generator."""
 
 
 def preset(name: str) -> Mapping[str, Any]:

@@ -95,7 +95,7 @@ class Request:
     resume: Annotated[bool, Flag("Go on with an interrupted run.", OUTPUT)] = False
 
     def __post_init__(self) -> None:
-        """Raises RunError for a time, or a length, that is none."""
+        """Raises RunError for a time, or a length, that is not valid."""
         if self.minutes is not None and not 0 < self.minutes < math.inf:
             raise RunError(f"minutes is {self.minutes}: give a finite number above 0")
         if self.pattern_size is not None and not 0 < self.pattern_size < math.inf:

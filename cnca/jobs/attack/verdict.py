@@ -71,7 +71,7 @@ def judge(request: Request, attack: Attack, progress: Progress, console: Console
 
 
 def control_textures(attack: Attack, texture: SrgbTexture, seed: int) -> dict[str, SrgbTexture]:
-    """What the camouflage must be stronger than, of its palette and of none; see ``controls``."""
+    """What the camouflage must be stronger than, with its palette or without; see ``controls``."""
     rng, mask = torch.Generator().manual_seed(seed), attack.paint.mask
     on_car = attack.paint.resize(texture)
     return {
@@ -83,7 +83,7 @@ def control_textures(attack: Attack, texture: SrgbTexture, seed: int) -> dict[st
 
 
 def best_of_seeds(attack: Attack, settings: Settings, count: int) -> SrgbTexture:
-    """The texture of ``count`` other seeds, without an attack, that the detectors see worst.
+    """Of ``count`` other seeds' textures, without an attack, the one that detectors see worst.
 
     They are compared on the validation views, which judge nothing: what luck alone comes to.
     """

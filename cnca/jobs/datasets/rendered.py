@@ -1,7 +1,7 @@
 """``cnca render-dataset``: the grid of a scene as labelled pictures.
 
 Picture number k shows setting number k of :class:`cnca.scene.grid.Grid`, the vehicle with the noise
-of seed k, so it is the same however the work is split, interrupted or continued.  Some colours of
+of seed k, so it is the same however the work is split, interrupted or continued.  Some colors of
 one pose and weather share what lies around the vehicle, seen beside its plain paint.
 """
 

@@ -43,7 +43,7 @@ def evaluate_scenes(request: EvaluationRequest, console: Console) -> Evidence:
     candidates = parse_candidates(request.textures)
     eyes = build_eyes(request.detectors, shared_label(request.scenes))
     for eye in eyes:
-        if note := getattr(eye.detector, "note", ""):  # one of a user's own need have none
+        if note := getattr(eye.detector, "note", ""):  # a user's own detector need not have one
             console.print(f"{eye.name}: {note}", soft_wrap=True, markup=False, highlight=False)
     stages = build_stages(request, candidates)
     parallel.by_first(lambda: _write_manifest(request, candidates))

@@ -1,8 +1,8 @@
 """``cnca evaluate --photos``: the paper's Table 2 from anyone's labelled photographs.
 
 The photographs in each folder right below ``--photos`` are one row, such as ``normal`` and
-``CNCA``.  Other than rendered views they are not the same for every row, so that each row is
-resampled for itself.
+``CNCA``.  Unlike rendered views they are not the same for every row, so each row is
+resampled by itself.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def nearest_inks(wanted: Lab) -> Inks:
 
 
 def _slopes(inks: Inks) -> Float[np.ndarray, "colors 3 4"]:
-    """Derivatives of CIELAB by the inks, by differences towards the middle of their range."""
+    """Derivatives of CIELAB by the inks, by differences toward the middle of their range."""
     here, columns = lab_of_inks(inks), []
     for ink in range(4):
         moved = inks.copy()

@@ -4,7 +4,7 @@
 
     +  · · · · · · · · · · · ·  +   marks at the corners of the area that is printed on
        panels, each under its name, or one part of a panel that is larger than
-       the area; neighbouring parts share a strip, with a mark at either end
+       the area; neighboring parts share a strip, with a mark at either end
     +  · · · · · · · · · · · ·  +
        ruler of 100 mm; page, scale
 """
@@ -40,9 +40,9 @@ PAPERS = {
 DPI = 150
 PIXEL = INCH / DPI
 MARGIN, FOOT = 12.0, 28.0
-"""Free at the sides and above, where many printers cannot print, and below."""
+"""Margins at the sides and above, where many printers cannot print, and below."""
 OVERLAP = 12.0
-"""Strip that neighbouring parts of a panel share."""
+"""Strip that neighboring parts of a panel share."""
 GAP, LABEL = 4.0, 4.0
 """Between panels, and for a name under each."""
 RULER = 100
@@ -91,7 +91,7 @@ Page = list[Placed]
 
 
 def lay_out(arts: Sequence[Artwork], area: tuple[float, float]) -> list[Page]:
-    """Fill pages whose printed area is so wide and high: whole artworks in rows, then parts."""
+    """Fill pages with this printed area (width, height): whole artworks in rows, then parts."""
     whole, large = [], []
     for art in arts:
         ways = [turned for turned in (art, art.turned()) if _fits(turned, area)]

@@ -83,7 +83,7 @@ class SurveyScores:
 
 
 PERMUTATIONS = 9999
-"""Of signs in Wilcoxon's test: all of them up to 13 participants, so many at random beyond."""
+"""Of signs in Wilcoxon's test: all of them up to 13 participants, this many at random beyond."""
 
 
 def score_survey(folder: Path) -> SurveyScores:

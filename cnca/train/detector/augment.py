@@ -83,7 +83,7 @@ def _placement(
 
 
 def _warp(picture: Picture, matrix: np.ndarray, size: tuple[int, int]) -> Picture:
-    # OpenCV's coordinates are those of pixel centres; boxes are measured from pixel borders.
+    # OpenCV's coordinates are those of pixel centers; boxes are measured from pixel borders.
     centres = matrix.copy()
     centres[:, 2] += matrix[:, :2].sum(axis=1) * 0.5 - 0.5
     smaller = abs(matrix[0, 0]) < 1

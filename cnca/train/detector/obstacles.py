@@ -1,6 +1,6 @@
 """Things that are no vehicles, as a class of their own for detectors to learn.
 
-A detector of vehicles alone knows but one name for what stands on a road, and reports loud boxes
+A detector of vehicles alone knows only one name for what stands on a road, and reports loud boxes
 and barrels as cars.  Detectors trained on COCO have 79 other names to give; with this class ours
 have one, too.
 """

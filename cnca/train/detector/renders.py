@@ -79,8 +79,8 @@ BUILTIN_CAST = Cast(
     empty_groups=LOUD,
 )
 """All built-in vehicles.  What is loud is no vehicle, as on roads: loud paint is on the things
-around where there is none.  A detector that sees vehicles in loud paint learns to disregard
-paint altogether, and no camouflage moves it."""
+around, in scenes without a vehicle.  A detector that sees vehicles in loud paint learns to
+disregard paint altogether, and no camouflage moves it."""
 
 
 def render_detector_data(

@@ -2,8 +2,8 @@
 
 A scene is one place in one built-in world, in two weathers: a vehicle in ordinary paint stands
 there, and the world's traffic around it.  A quarter of the cameras look along the road from a
-driver's height; the others circle the vehicle.  In some scenes boxes and barrels stand there in
-its stead, in loud paint.
+driver's height; the others circle the vehicle.  In some scenes boxes and barrels stand there
+instead, in loud paint.
 """
 
 from __future__ import annotations

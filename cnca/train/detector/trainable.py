@@ -23,7 +23,7 @@ class TrainableDetector(ABC):
     learning_rate: float
     """The optimizer's largest step size."""
     classes: int
-    """How many it tells apart: the first ones of the data."""
+    """How many classes it tells apart: the first ones of the data."""
 
     @classmethod
     @abstractmethod
@@ -39,7 +39,7 @@ class TrainableDetector(ABC):
     def losses(
         self, images: Float[Tensor, "batch 3 height width"], targets: Targets, *, bfloat16: bool
     ) -> dict[str, Float[Tensor, ""]]:
-        """Return the losses by name; their sum is minimised.
+        """Return the losses by name; their sum is minimized.
 
         ``images`` are sRGB in [0, 1] of the network's size; ``bfloat16`` lets convolutions use it.
         """

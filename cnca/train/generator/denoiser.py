@@ -3,7 +3,7 @@
 Those tokens are trained as *image prompt* tokens (after the idea of IP-Adapter, Ye et al. 2023):
 token k describes the k-th cell of the picture.  So the U-Net listens to them, values in [−1, 1] are
 in its range, and zero means "no wish".  They are added to the features of the empty prompt, which
-differ by position and so tell the cells apart; and the U-Net normalises each token before it pools
+differ by position and so tell the cells apart; and the U-Net normalizes each token before it pools
 them, which around zero would make the smallest F_adv as strong as the largest.
 
 They come first and alone: beside a text, which says more at a glance, the U-Net never learned
