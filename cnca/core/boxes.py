@@ -13,13 +13,13 @@ SMALLEST_AREA = 1e-9
 
 
 def xyxy_to_cxcywh(boxes: Boxes) -> Boxes:
-    """(left, top, right, bottom) → (centre x, centre y, width, height)."""
+    """(left, top, right, bottom) → (center x, center y, width, height)."""
     low, high = boxes[..., :2], boxes[..., 2:]
     return torch.cat([(low + high) / 2, high - low], dim=-1)
 
 
 def cxcywh_to_xyxy(boxes: Boxes) -> Boxes:
-    """(centre x, centre y, width, height) → (left, top, right, bottom)."""
+    """(center x, center y, width, height) → (left, top, right, bottom)."""
     centre, half = boxes[..., :2], boxes[..., 2:] / 2
     return torch.cat([centre - half, centre + half], dim=-1)
 

@@ -14,7 +14,7 @@ ALARM = 0.25
 LEAST_SCORE = 0.01
 """Detections below this confidence count as none; low, since scores are averaged, not counted."""
 FAINTEST_SCORE = 0.001
-"""From here on detections are kept: what COCO's and MMDetection's testers count."""
+"""Least confidence of kept detections: what COCO's and MMDetection's testers count."""
 MATCH = 0.5
 """Intersection over union from which a detection finds an object: the 0.5 of AP@0.5."""
 SUPPRESSION = 0.45

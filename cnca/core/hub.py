@@ -24,7 +24,7 @@ HUB = "hf:"
 WEIGHTS = "*.safetensors"
 _NAME = re.compile(r"[\w.-]+(/[\w.-]+)?(@[\w./-]+)?")
 CHUNK = 2**20
-"""Bytes that are read at once."""
+"""Number of bytes read at once."""
 
 
 def is_hub_name(spec: str) -> bool:
@@ -38,8 +38,8 @@ def hub_folder(spec: str, patterns: Sequence[str], error: type[CncaError]) -> Pa
     Args:
         patterns: the files that are wanted; weights as safetensors alone.
 
-    Raises ``error``, in one line, for a name that is none, without a network, or where the model
-    has no such weights.
+    Raises ``error``, in one line, for an invalid or unknown name, without a network, or where
+    the model has no such weights.
     """
     name = spec.removeprefix(HUB)
     if not _NAME.fullmatch(name):
@@ -87,7 +87,7 @@ def fetched_file(
 ) -> Path:
     """The file at ``address`` in the user's cache, fetched unless it is there.
 
-    Raises ``error`` without a network, or where the content is another one.
+    Raises ``error`` without a network, or where the content has another hash.
     """
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     path = base / "cnca" / address.rpartition("/")[2]

@@ -1,4 +1,4 @@
-"""SIGTERM, which schedulers send, ends a command as Ctrl-C does: whatever is half written goes."""
+"""SIGTERM, which schedulers send, ends a command as Ctrl-C does: half-written files are removed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.console import Console
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM has come."""
+    """SIGTERM has been received."""
 
 
 def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:

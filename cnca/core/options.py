@@ -18,7 +18,7 @@ and memory, and where the results go."""
 FIGURE_FORMAT = "CNCA_FIGURE_FORMAT"
 """Environment variable with the formats of plots; ``--figure-format`` sets it."""
 FIGURE_FORMATS = (".pdf", ".svg")
-"""In which plots can be written beside PNG."""
+"""Formats in which plots can be written beside PNG."""
 
 
 def figure_formats(words: str) -> list[str]:
@@ -41,7 +41,7 @@ class Flag:
     panel: str = WHAT
     """One of :data:`PANELS`."""
     name: str | None = None
-    """With underscores, where it is another than the field's: ``spp`` for ``samples``."""
+    """With underscores, where it differs from the field's: ``spp`` for ``samples``."""
     short: str | None = None
     """One letter that does as well: ``o`` for ``-o``."""
     metavar: str | None = None

@@ -24,7 +24,7 @@ from torch.distributed.rendezvous import rendezvous
 LAUNCHED = "TORCHELASTIC_RUN_ID"
 """Set by torchrun."""
 PATIENCE = timedelta(days=1)
-"""For the others, while one judges; a process that dies is noticed by torchrun, at once."""
+"""How long the others wait while one judges; torchrun notices at once when a process dies."""
 
 Items = TypeVar("Items", Sequence[Any], Tensor)
 Item = TypeVar("Item")
@@ -86,7 +86,7 @@ class _Sum(torch.autograd.Function):
 
     @staticmethod
     def forward(_ctx: Any, value: Tensor) -> Tensor:
-        # gloo carries what lies in main memory, and adds it up as it lies there.
+        # gloo carries what lies in main memory, and adds it up in memory order.
         total = value.detach().to("cpu", copy=True, memory_format=torch.contiguous_format)
         dist.all_reduce(total)
         return total.to(value)

@@ -1,4 +1,4 @@
-"""Parts of a user's own: ``module:attribute`` in place of a name that the program knows.
+"""A user's own parts: ``module:attribute`` in place of a name that the program knows.
 
 The module is imported as Python imports any other; the folder that the command was started in is
 searched last.  The attribute is the part itself, or a class or function that makes it.

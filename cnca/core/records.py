@@ -35,7 +35,7 @@ def as_json(record: DataclassInstance) -> dict[str, Any]:
 def from_json(kind: type[Kind], content: object, path: Path, *, advice: str = AGAIN) -> Kind:
     """The record that :func:`as_json` made ``content`` of; keys that it does not know are ignored.
 
-    Raises RunError, which names ``path``, the key and what to do, where the content is another one.
+    Raises RunError, which names ``path``, the key and what to do, where the content does not fit.
     """
     try:
         return _adapter(kind).validate_python(content)

@@ -125,7 +125,7 @@ def refuse_changed_inputs(
 
 
 def differences(then: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """``key (was A, now B)`` of everything in which two requests differ, sections gone into."""
+    """``key (was A, now B)`` of everything in which two requests differ, section by section."""
     lines = []
     for key in dict.fromkeys([*now, *then]):
         before, after = then.get(key), now.get(key)

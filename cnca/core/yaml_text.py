@@ -31,7 +31,7 @@ class _OnceOnly(yaml.SafeLoader):  # type: ignore[misc]
 def read_yaml(path: str | Path, error: type[CncaError]) -> Any:
     """The content of a YAML file.
 
-    Raises OSError; ``error`` for text that is not UTF-8; whatever PyYAML raises for what is no
+    Raises OSError; ``error`` for text that is not UTF-8; whatever PyYAML raises for invalid
     YAML, and YAMLError for a key that stands twice in a mapping.
     """
     return yaml.load(read_text(path, error), _OnceOnly)

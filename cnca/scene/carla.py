@@ -21,7 +21,7 @@ from cnca.core.images import SrgbArray
 from cnca.scene.cameras import View
 
 MOST_BYTES = 2**28
-"""Of an array: a picture of 8192 × 8192 pixels has three quarters of it."""
+"""Most bytes of an array: a picture of 8192 × 8192 pixels has three quarters of it."""
 
 Pose = Float[np.ndarray, "2 3"]
 """Location in metres (x, y, z), then pitch, yaw, roll in degrees; left-handed."""

@@ -25,7 +25,7 @@ from cnca.core.images import read_radiance
 from cnca.scene.weather import SkyMap
 
 MOST_ROWS = 2048
-"""Of a map that is kept; finer ones are averaged."""
+"""Rows of a map that is kept; finer ones are averaged."""
 DISC = 3.0
 """Degrees around the brightest point that count as the sun, its glare and blur included."""
 RING = 4.5
@@ -35,7 +35,7 @@ LEAST_SHARE = 0.05
 MOST_RIVAL = 0.3
 """Light of the next such source relative to the brightest, from which on it is one lamp of many."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Of linear Rec. 709 red, green and blue."""
+"""Luminance weights of linear Rec. 709 red, green and blue."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Environment:
     sun_direction: Float[np.ndarray, "3"]
     """Unit vector towards the sun; straight up where there is none."""
     sun_irradiance: Float[np.ndarray, "3"]
-    """On a surface that faces it; zero where there is none."""
+    """Its irradiance on a surface that faces it; zero where there is none."""
     contrast: float
     """Of the light on level ground: the sky's standard deviation, ray by ray, over the mean of all.
 
@@ -59,7 +59,7 @@ class Environment:
 
     @property
     def has_sun(self) -> bool:
-        """Whether one was split off."""
+        """Whether a sun was split off."""
         return bool(self.sun_irradiance.max() > 0)
 
     @property
@@ -75,7 +75,7 @@ class Environment:
 
 
 def sky_directions(rows: int, columns: int) -> Float[np.ndarray, "rows columns 3"]:
-    """Unit vectors at the texel centres of a latitude–longitude map."""
+    """Unit vectors at the texel centers of a latitude–longitude map."""
     theta = (np.arange(rows) + 0.5) * np.pi / rows
     phi = (np.arange(columns) + 0.5) * 2 * np.pi / columns
     theta, phi = np.meshgrid(theta, phi, indexing="ij")

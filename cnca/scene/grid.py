@@ -1,8 +1,8 @@
-"""The grid of a data set: every pose in every weather in every preset colour.
+"""The grid of a data set: every pose in every weather in every preset color.
 
 As in the paper's data sets there are 16 weathers, four sun altitudes times four fog densities; a
 scene that varies no fog has four sun azimuths instead.  The paper names neither its poses nor its
-colours: ours are evenly spread over the scene's ranges, and such as cars are sold in.
+colors: our poses are spread evenly over the scene's ranges, our colors are ones cars are sold in.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ AZIMUTHS, ELEVATIONS, DISTANCES = 24, 4, 3
 LEVELS = 4
 """Sun altitudes, and fog densities or sun azimuths."""
 SHARING = 5
-"""Colours in a row that have one pose and weather, so that renderers may keep its background."""
+"""Consecutive colors that share one pose and weather, so that renderers may keep its background."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 @dataclass(frozen=True)
 class Layers:
-    """First hits; all but the mask belong to the ray through the pixel's centre."""
+    """First hits; all but the mask belong to the ray through the pixel's center."""
 
     mask: Float[np.ndarray, "views height width"]
     """Share of the pixel that the vehicle covers, in [0, 1]."""
@@ -26,12 +26,12 @@ class Layers:
 
 @dataclass(frozen=True)
 class Sighting:
-    """Another thing with a label that a camera sees."""
+    """Another labeled object that a camera sees."""
 
     label: str
     """The class that it belongs to, such as car or truck."""
     mask: Bool[np.ndarray, "height width"]
-    """The pixels whose centre shows it, at least one."""
+    """The pixels whose center shows it, at least one."""
     occluded: float
     """Share of it in the picture that something else hides, in [0, 1)."""
 

@@ -25,7 +25,7 @@ def draw_views(
     """Views number ``start`` to ``start + count`` of the scene's endless, seeded sequence.
 
     The sequence is a scrambled Sobol sequence over azimuth, elevation and distance; ``spot`` is
-    where in the scene's world all of them are taken.  What the world hides is not asked here: see
+    where in the scene's world all of them are taken.  What the world hides plays no part here: see
     :func:`cnca.world.draw.draw_blocks`.
     """
     ranges = scene.variation
@@ -79,7 +79,7 @@ def draw_spots(scene: Scene, *, seed: int) -> list[Spot]:
 
 
 def in_blocks(drawn: Sequence[Drawn], count: int) -> list[Sequence[Drawn]]:
-    """Divide what was drawn into ``count`` blocks of neighbours, each spread as evenly as can be.
+    """Divide what was drawn into ``count`` blocks of neighbors, each spread as evenly as can be.
 
     Taking every n-th instead would give points that share their leading binary digits: with
     16 blocks, views from a sixteenth of the circle each.

@@ -21,7 +21,7 @@ REDRAWS = 8
 def draw_blocks(
     scene: Scene, count: int, blocks: int, *, seed: int
 ) -> tuple[list[Sequence[View]], list[Weather]]:
-    """``count`` views in ``blocks`` of neighbours, and a weather for each.
+    """``count`` views in ``blocks`` of neighbors, and a weather for each.
 
     The views of a block are taken at one place of the scene's world, where it has one.
 
@@ -47,7 +47,7 @@ def _seen(
 ) -> list[View]:
     """The first views of the sequence from ``start`` on that show the vehicle.
 
-    Where too few do they are taken in turn.
+    Where too few do, they are taken in turn.
     """
     seen: list[View] = []
     for _ in range(REDRAWS):

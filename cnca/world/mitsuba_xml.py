@@ -60,7 +60,7 @@ def read_mitsuba_xml(path: Path) -> MitsubaXml:
     """Read a scene and all that it includes.
 
     Raises:
-        MeshError: a file is missing, is no XML, includes itself, or is no scene of Mitsuba's.
+        MeshError: a file is missing, is not XML, includes itself, or is not a Mitsuba scene.
     """
     files: list[Path] = []
     root = _included(path, (), files)
@@ -152,7 +152,7 @@ def _refuse_impossible_light(root: ET.Element, path: Path) -> None:
 def _unpack_instances(root: ET.Element, path: Path) -> None:
     """Put the shapes of a group wherever an instance of it stands.
 
-    Raises MeshError for an instance without a group, or with a transform that is none.
+    Raises MeshError for an instance without a group, or with an invalid transform.
     """
     groups = {g.get("id"): g for g in root.findall("shape[@type='shapegroup']")}
     for group in groups.values():
@@ -201,7 +201,7 @@ def numbers(element: ET.Element, otherwise: float = 0.0) -> tuple[float, float, 
 
 
 def to_world(thing: ET.Element) -> Matrix:
-    """The transform of a shape in its file's axes; raises ValueError for what is none."""
+    """The transform of a shape in its file's axes; raises ValueError for an invalid one."""
     matrix = np.eye(4)
     for transform in thing.findall("transform"):
         if transform.get("name") in TO_WORLD:

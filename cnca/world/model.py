@@ -77,7 +77,7 @@ class Lamp:
     intensity: LinearRgb
     """Along the axis, in W/nm/sr: candelas over :data:`cnca.core.photometry.CANDELAS`."""
     side: float
-    """Of the square, metres."""
+    """Side of the square, metres."""
     beam: tuple[float, float] | None = None
     """Degrees off the axis where a reflector's beam begins to fall, and where it ends; without one
     the intensity falls as the cosine (Lambert)."""

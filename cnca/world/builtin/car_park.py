@@ -133,7 +133,7 @@ def _shop_style(rng: np.random.Generator) -> Style:
 
 
 def _places(site: Site) -> list[Place]:
-    """Both aisles, right of their middles, and bays whose neighbours are empty."""
+    """Both aisles, right of their middles, and bays whose neighbors are empty."""
     places = [Place(0.0, LANES[0] - 1.5)]
     for y in LANES:
         for x in np.arange(-HALF + 3.0, HALF, 4.0):

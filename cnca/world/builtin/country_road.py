@@ -20,7 +20,7 @@ from cnca.world.model import Place, World
 REACH = 260.0
 """Half the road's length, metres."""
 WIDTH = 3.1
-"""Of a lane, metres."""
+"""Width of a lane, metres."""
 SHOULDER = WIDTH + 0.9
 LEVEL = 10.0
 """Distance from the road's middle up to which the ground is level, metres."""

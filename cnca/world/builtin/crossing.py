@@ -24,7 +24,7 @@ from cnca.world.builtin.traffic import put_vehicle
 from cnca.world.model import Place, World
 
 RADIUS = 6.0
-"""Of the kerb around the corners, metres."""
+"""Radius of the kerb around the corners, metres."""
 MOUTH = PARKING + RADIUS
 """Where the corners' curves end and the arms begin, metres from the middle."""
 STOP = MOUTH + 6.3
@@ -86,7 +86,7 @@ def _corner(site: Site, rng: np.random.Generator, arm: Pose) -> None:
 
 
 def _fan(centre: tuple[float, float], radius: float) -> Mesh:
-    """A quarter of a disc towards −x and −y of its centre."""
+    """A quarter of a disc towards −x and −y of its center."""
     angle = np.radians(np.linspace(180.0, 270.0, 10))
     rim = np.asarray(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     corners = [

@@ -11,7 +11,7 @@ from cnca.world.builtin.noise import fractal, mix, step
 Picture = Float[np.ndarray, "height width 3"]
 
 LANE_STRIPS = 4
-"""Pieces of lane in the asphalt's picture, one above the other, which continue one another."""
+"""Pieces of lane in the asphalt's picture, one above the other, each continuing the last."""
 
 
 def asphalt() -> Picture:

@@ -148,7 +148,7 @@ def tube(
 
 
 def disc(centre: Sequence[float], radius: float, segments: int = 16) -> Mesh:
-    """A level disc that is seen from above, its picture in metres around its centre."""
+    """A level disc that is seen from above, its picture in metres around its center."""
     angle = np.linspace(0.0, 2 * np.pi, segments, endpoint=False)
     rim = radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     vertices = np.concatenate([np.zeros((1, 3)), rim])

@@ -18,7 +18,7 @@ from cnca.world.model import Lamp
 SHARES = {"hatchback": 0.33, "suv": 0.27, "sedan": 0.27, "van": 0.09, "pickup": 0.04}
 """Bodies in traffic."""
 LABELS = {"van": "truck", "pickup": "truck"}
-"""COCO's class of what is no car: detectors call vans and pickups trucks, or cars."""
+"""COCO's class of bodies that are not cars: detectors call vans and pickups trucks, or cars."""
 _LAMPS = {"light": "lamp_headlight", "tail_light": "lamp_tail"}
 
 
