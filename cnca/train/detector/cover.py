@@ -61,10 +61,10 @@ def cover(
 
 def _obstacle(patch: Bool[np.ndarray, "_ _"]) -> Float[np.ndarray, "_ 5"]:
     """The label of a patch; none of one that is too small to be found."""
-    rows, columns = np.nonzero(patch.any(axis=1))[0], np.nonzero(patch.any(axis=0))[0]
-    if min(len(rows), len(columns)) < LEAST_SIDE:
+    left, top, width, height = cv2.boundingRect(patch.astype(np.uint8))
+    if min(width, height) < LEAST_SIDE:
         return np.zeros((0, 5))
-    return np.array([[columns[0], rows[0], columns[-1] + 1, rows[-1] + 1, OBSTACLE]], float)
+    return np.array([[left, top, left + width, top + height, OBSTACLE]], float)
 
 
 def _still_seen(

@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+import torch
 
+from cnca.core.boxes import area, clip, share_inside
+from cnca.core.types import Boxes
 from cnca.scene.cameras import View
 from cnca.vehicle.model import Part
 from cnca.vehicle.outline import project
@@ -33,32 +35,25 @@ def obstacle_boxes(
     ``hidden_by`` are boxes of what stands before all of them, such as the vehicle's; a thing may
     also be hidden by a nearer one.
     """
-    nearer, found = [np.array(box[:4], float) for box in hidden_by], []
-    for box in _by_distance(things, view):
-        inside = box.clip(0, [view.width, view.height] * 2)
-        free = _area(inside) - max((_area(_common(inside, other)) for other in nearer), default=0.0)
-        large = (inside[2:] - inside[:2]).min() >= LEAST_SIDE
-        if large and free >= LEAST_FREE * _area(box):
-            found.append([*inside.tolist(), OBSTACLE])
-        nearer.append(inside)
+    boxes = _by_distance(things, view)
+    inside = clip(boxes, view.height, view.width)
+    before = torch.cat([torch.tensor([box[:4] for box in hidden_by]).reshape(-1, 4), inside])
+    found = []
+    for k, box in enumerate(inside):
+        hidden = share_inside(box[None], before[: len(hidden_by) + k])
+        free = area(box) * (1 - hidden) / area(boxes[k])
+        if (box[2:] - box[:2]).min() >= LEAST_SIDE and free >= LEAST_FREE:
+            found.append([*box.tolist(), OBSTACLE])
     return found
 
 
-def _by_distance(things: Sequence[Part], view: View) -> list[Float[np.ndarray, "4"]]:
-    """xyxy of the things that are wholly before the camera, the nearest first."""
+def _by_distance(things: Sequence[Part], view: View) -> Boxes:
+    """Boxes of the things that are wholly before the camera, the nearest first."""
     boxes = []
     for thing in things:
         pixels, depth = project(thing.vertices, view)
         if depth.min() > NEAREST:
             box = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
             boxes.append((float(depth.mean()), box))
-    return [box for _, box in sorted(boxes, key=lambda pair: pair[0])]
-
-
-def _common(first: Float[np.ndarray, "4"], second: Float[np.ndarray, "4"]) -> np.ndarray:
-    low, high = np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])
-    return np.concatenate([low, np.maximum(low, high)])
-
-
-def _area(box: np.ndarray) -> float:
-    return float((box[2:] - box[:2]).clip(min=0).prod())
+    nearest = [box for _, box in sorted(boxes, key=lambda pair: pair[0])]
+    return torch.tensor(np.array(nearest)).float().reshape(-1, 4)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cnca.core.errors import DetectorError
-from cnca.train.detector.dataset import LabelledPictures
+from cnca.train.detector.dataset import LabelledPictures, TrainingPictures
 from cnca.train.detector.frames import gather_frames
 
 
@@ -63,3 +63,20 @@ def test_a_broken_label_names_its_line(folder, tmp_path):
 def test_an_empty_folder_is_refused(tmp_path):
     with pytest.raises(DetectorError, match="no .jpg or .png"):
         gather_frames(tmp_path, tmp_path / "out")
+
+
+def test_a_detector_learns_only_the_classes_that_it_tells_apart(folder, tmp_path):
+    """One that knows vehicles alone is not shown obstacles."""
+    gather_frames(folder, tmp_path / "out")
+    data = LabelledPictures(tmp_path / "out")
+    data.boxes = [np.array([[15.0, 16, 45, 24, 0], [10.0, 20, 40, 30, 1]]) for _ in data.boxes]
+    seen = {
+        classes: {label for _, rows in _epochs(data, classes) for label in rows[:, 4]}
+        for classes in (1, 2)
+    }
+    assert seen == {1: {0.0}, 2: {0.0, 1.0}}
+
+
+def _epochs(data, classes):
+    pictures = TrainingPictures(data, (40, 60), 0, classes=classes)
+    return [pictures[k] for k in range(len(pictures))]
